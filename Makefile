@@ -56,7 +56,17 @@ $(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/
 	@$(PIP) --editable '.[ros]'
 	@touch $@
 
-$(VENV)/.test: $(VENV)/.ros
+# The action's Python module, which colcon builds in a ROS workspace: here generated, and compiled by a C++ compiler.
+$(VENV)/.interfaces: $(VENV)/.ros .ci/interfaces.txt .ci/wheels.cmake $(shell find pendubot_interfaces -type f)
+	@$(PIP) --requirement .ci/interfaces.txt
+	@export PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(abspath $(VENV)) && { \
+		cmake -S pendubot_interfaces -B $(VENV)/interfaces -DCMAKE_INSTALL_MESSAGE=NEVER \
+			-DCMAKE_PREFIX_PATH=$(abspath $(VENV)) -DCMAKE_INSTALL_PREFIX=$(abspath $(VENV)) -DBUILD_TESTING=OFF \
+			-DPython3_EXECUTABLE=$(abspath $(BIN))/python -DCMAKE_PROJECT_INCLUDE=$(abspath .ci/wheels.cmake) && \
+		cmake --build $(VENV)/interfaces --target install; } > $(VENV)/interfaces.log 2>&1 || { cat $(VENV)/interfaces.log; exit 1; }
+	@touch $@
+
+$(VENV)/.test: $(VENV)/.ros $(VENV)/.interfaces
 	@$(PIP) --editable '.[ros,test]'
 	@touch $@
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* The steps of a sample, the same in every port. */
 #include "board.h"
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* The board's side of the serial protocol, version 2, as docs/protocol.md describes it.
  *
  * The caller passes in bytes, samples and the time; it gets back bytes and a torque. The functions read no clock, no

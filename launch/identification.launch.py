@@ -19,6 +19,7 @@ ARGUMENTS = {
     'model': ('auto', 'viscous, coulomb, rotor, geared, or auto'),
     'output': ('', 'result file to write; empty: none'),
     'force': (False, 'true: overwrite an existing result file'),
+    'autostart': (True, 'false: it waits for ros2 lifecycle, or for a lifecycle manager'),
 }
 
 

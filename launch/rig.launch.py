@@ -22,6 +22,7 @@ ARGUMENTS = {
     'baud': (0, "baud rate of the port; 0: the parameter file's"),
     'output': ('', 'folder of the bag; empty: named after the time'),
     'arm': (False, 'true: the exciter arms the motor by itself, if the zeros are confirmed. Stand clear of the rig.'),
+    'autostart': (True, 'false: bridge and recorder wait for ros2 lifecycle, or for a lifecycle manager'),
     'excitation': ('', "the exciter's parameter file, as pendubot excite writes it; empty: the arguments that follow"),
     'duration': (18.0, 'length of the excitation [s]'),
     'amplitude': (1.0, 'torques are drawn within plus and minus this [N m]'),
@@ -31,7 +32,7 @@ ARGUMENTS = {
 
 
 def start(given):
-    """Return bridge, recorder, exciter and view; nothing is armed before the recorder records."""
+    """Return bridge, recorder, exciter and view; the exciter arms nothing before the recorder is active and records."""
 
     def file(name, argument):
         path = os.path.expanduser(given[argument])
@@ -49,20 +50,20 @@ def start(given):
     link = {name: value for name, value in (('port', port), ('baud', given['baud'])) if value}
     if given['virtual']:
         link['confirm_zeros'] = False  # a virtual board starts where its zeros are
+    waiting = {} if given['autostart'] else {'autostart': False}
+    recording = {'output': given['output'], **waiting, **given.get('recorder', {})}
     train = {
         'duration': given['duration'],
         'amplitude_min': -abs(given['amplitude']),
         'amplitude_max': abs(given['amplitude']),
         'seed': given['seed'],
     }
+    patient = ('--patient',) if given.get('patient') else ()
     moving = {'arm': given['arm'], 'recorded': True} | ({} if given['excitation'] else train)
     return [
-        *([Program('virtual_board', arguments=('--link', port))] if given['virtual'] else []),
-        Program('bridge', (file('bridge', 'bridge'), link)),
-        Program(
-            'recorder',
-            (str(resource('config/recorder.yaml')), {'output': given['output'], **given.get('recorder', {})}),
-        ),
+        *([Program('virtual_board', arguments=('--link', port, *patient))] if given['virtual'] else []),
+        Program('bridge', (file('bridge', 'bridge'), link | waiting)),
+        Program('recorder', (str(resource('config/recorder.yaml')), recording)),
         Program('exciter', (file('exciter', 'excitation'), moving)),
         *VIEW['start'](given),
     ]

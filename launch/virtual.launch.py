@@ -12,6 +12,7 @@ RIG = launch_file('rig.launch.py')
 ARGUMENTS = {
     **{name: argument for name, argument in RIG['ARGUMENTS'].items() if name != 'virtual'},
     'port': ('/tmp/pendubot', 'the link to its pseudo-terminal that the virtual board makes'),
+    'patient': (False, 'true: the virtual board waits when this computer is too busy for it or for the commands'),
     'arm': (True, 'false: the exciter waits until you call /bridge/arm'),
 }
 

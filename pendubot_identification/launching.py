@@ -49,6 +49,8 @@ EXPECTED = {
     float: 'a number',
     list: "a text, or a list of texts such as \"['a', 'b']\",",
 }
+#: The programs that only show the rig share one enclave of config/sros2_policy.xml; each other one of ours has its own.
+VIEWERS = ('robot_state_publisher', 'rviz2', 'plotjuggler')
 #: Absolute names of topics in programs of other packages, which two rigs would share.
 SHARED = ('tf', 'tf_static', 'joint_states', 'robot_description')
 #: The nodes of this package that were started.
@@ -195,6 +197,9 @@ def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str
         'sigkill_timeout': texts.get('sigkill_timeout', '10'),
         'additional_env': environment,
     }
+    if os.environ.get('ROS_SECURITY_KEYSTORE') and (program.package == NAME or program.name in VIEWERS):
+        enclave = 'viewer' if program.name in VIEWERS else program.name
+        node['ros_arguments'] = ['--enclave', f'/pendubot/{enclave}']
     if program.package == NAME:
         # It ends with launch, whatever ends that.
         ending = {**environment, LAUNCH: str(os.getpid())}

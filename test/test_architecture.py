@@ -29,6 +29,7 @@ NO_ROSDEP = {
     'openpyxl',
     'pandas',
     'pandas-stubs',
+    'pendubot_interfaces',
     'pinocchio',
     'axe_playwright_python',
     'playwright',
@@ -37,7 +38,7 @@ NO_ROSDEP = {
     'swarmops',
 }
 #: Imported where it is installed; who asks for it elsewhere is told how to install it.
-OPTIONAL = {'aiohttp', 'h5py', 'openpyxl', 'pandas', 'pyarrow', 'shtab'}
+OPTIONAL = {'aiohttp', 'h5py', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'shtab'}
 #: What mcap brings along under its key.
 BROUGHT = {'lz4', 'zstandard'}
 

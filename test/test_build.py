@@ -17,7 +17,7 @@ from test.conftest import ROOT
 PROGRAMS = ('pendubot', 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tracker', 'virtual_board')
 PARTS = (
     *('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'LICENSE'),
-    *('resource', 'config', 'launch', 'bags', 'examples', 'pendubot_identification'),
+    *('resource', 'config', 'foxglove', 'launch', 'bags', 'examples', 'pendubot_identification', 'pendubot_interfaces'),
 )
 
 
@@ -43,6 +43,9 @@ def run(command, folder, env, timeout=300):
 def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     copied_to(tmp_path / 'src' / 'pendubot_identification')
     env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
+    places = '--base-paths', 'src', 'src/pendubot_identification/pendubot_interfaces'
+    listed = run(['colcon', 'list', '--names-only', *places], tmp_path, env)
+    assert listed.split() == ['pendubot_identification', 'pendubot_interfaces'], 'the command of README.md builds both'
     run(['colcon', 'build', *options], tmp_path, env)
     installed = tmp_path / 'install' / 'pendubot_identification'
     programs, share = installed / 'lib' / 'pendubot_identification', installed / 'share'
@@ -67,7 +70,7 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     assert (tmp_path / 'look' / 'report.html').is_file(), 'the page needs its template'
     assert sourced(f'"{programs / "pendubot"}" --version').endswith('compiled kernel\n')
     assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
-    for folder in ('config', 'launch', 'examples'):
+    for folder in ('config', 'foxglove', 'launch', 'examples'):
         ours = {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
         assert {path.name for path in (share / 'pendubot_identification' / folder).iterdir()} == ours
     python = 'from pendubot_identification.formats import robots as r; r.drawn(0.2, 0.3)'

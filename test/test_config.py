@@ -4,17 +4,26 @@
 """The parameter files in config/ and the descriptors, as a user of ``--params-file`` and ``ros2 param`` meets them."""
 
 import importlib
+import json
+import re
+from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 from test.conftest import ROOT
 
 pytestmark = pytest.mark.ros
+#: Of nodes of other packages.
+OTHERS = 'controllers.yaml', 'diagnostic_aggregator.yaml'
+#: The topics that a picture may show.
+SHOWN = {'/joint_states', '/diagnostics', '/robot_description'}
+SHOWN |= {f'/pendubot/{name}' for name in ('effort_command', 'params', 'identification', 'robot_description')}
 
 
 @pytest.mark.parametrize(
     'path',
-    sorted({*(ROOT / 'config').glob('*.yaml')} - {ROOT / 'config' / 'controllers.yaml'}),
+    sorted({*(ROOT / 'config').glob('*.yaml')} - {ROOT / 'config' / name for name in OTHERS}),
     ids=lambda path: path.stem,
 )
 def test_a_file_loads_into_its_node_in_any_namespace_with_every_parameter_and_a_descriptor_of_each(path):
@@ -37,3 +46,28 @@ def test_a_file_loads_into_its_node_in_any_namespace_with_every_parameter_and_a_
             assert described.description
             assert f'[{setting.unit}]' in described.description or not setting.unit
         node.destroy_node()
+
+
+def test_the_layouts_show_topics_that_exist():
+    """The programs that read them are in no registry of packages."""
+    layout = json.loads((ROOT / 'foxglove' / 'pendubot.json').read_text())
+    panels = set(re.findall(r'"(?:first|second)": "(.*?)"', json.dumps(layout['layout'])))
+    assert panels == set(layout['configById'])
+    texts = re.findall(r'"(/[\w/]+)', json.dumps(layout['configById']))
+    assert set(texts) == SHOWN
+    plot = ElementTree.parse(ROOT / 'config' / 'plotjuggler.xml')
+    subscribed = {each.get('name') for each in plot.iter('topic')}
+    assert subscribed < SHOWN
+    made = {each.get('name') for each in plot.iter('snippet')}
+    names = {each.get('name') for each in plot.iter('curve')} | {each.text for each in plot.iter('linked_source')}
+    assert made <= names
+    assert not [name for name in names - made if not name.startswith(tuple(f'{topic}/' for topic in subscribed))]
+
+
+def test_the_aggregator_groups_every_program_that_reports():
+    content = yaml.safe_load((ROOT / 'config' / 'diagnostic_aggregator.yaml').read_text())
+    groups = [v for v in content['/**/analyzers']['ros__parameters'].values() if isinstance(v, dict)]
+    words = {word for group in groups for word in group['contains']}
+    nodes = ROOT / 'pendubot_identification' / 'nodes'
+    reporting = {path.stem for path in nodes.glob('*.py') if re.search(r'\bStatus\(self', path.read_text())}
+    assert words == {*reporting, 'controller_manager'}

@@ -100,9 +100,9 @@ def known(kind, *words):
             return words[0] == PACKAGE and not assigned
         node = getattr(importlib.import_module(f'{PACKAGE}.nodes.{words[1]}'), words[1].title())
         return hasattr(programs, words[1]) and assigned <= {setting.name for setting in node.SETTINGS}
-    if kind in ('service', 'topic'):
+    if kind in ('service', 'topic', 'action'):
         return words[1].removeprefix('/lab1') in SERVED
-    return kind in ('bag', 'pkg', 'node', 'param', 'security')
+    return kind in ('bag', 'pkg', 'node', 'param', 'security', 'lifecycle')
 
 
 @pytest.mark.ros

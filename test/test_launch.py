@@ -377,3 +377,28 @@ def test_controllers_get_the_rig_as_hardware_and_the_recorder_their_commands(pac
     (index / HARDWARE).unlink()
     with pytest.raises(PendubotError, match=f'{HARDWARE} is not installed; sudo apt install'):
         launch('control')
+
+
+@pytest.mark.parametrize('name', NEEDED)
+def test_with_a_keystore_every_program_of_the_policy_starts_in_its_enclave(monkeypatch, name):
+    view = {'rviz': 'true', 'plotjuggler': 'true'} if name == 'view' else {}
+    monkeypatch.delenv('ROS_SECURITY_KEYSTORE', raising=False)
+    assert not [each for each in launch(name, **NEEDED[name], **view).values() if hasattr(each, 'ros_arguments')]
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', '/keys')
+    (enclaves,) = ElementTree.parse(ROOT / 'config' / 'sros2_policy.xml').getroot()
+    known = {enclave.get('path') for enclave in enclaves}
+    for program, each in launch(name, **NEEDED[name], **view).items():
+        if program not in CONTROL:
+            option, enclave = each.ros_arguments
+            assert option == '--enclave'
+            assert enclave in known
+            assert enclave == f'/pendubot/{"viewer" if program in OTHERS else program}'
+
+
+def test_the_lifecycle_and_the_patience_of_the_virtual_board_are_arguments():
+    started = launch('virtual', autostart='false', patient='true')
+    assert started['virtual_board'].arguments == ('--link', '/tmp/pendubot', '--patient')
+    started |= launch('identification', autostart='false')
+    for program in ('bridge', 'recorder', 'identifier'):
+        assert files_and_values(started[program])[1]['autostart'] is False
+    assert launch('virtual')['virtual_board'].arguments == ('--link', '/tmp/pendubot')

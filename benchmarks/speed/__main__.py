@@ -15,12 +15,12 @@ from pathlib import Path
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
 
-from benchmarks.speed import bags, measure, optimisers
+from benchmarks.speed import bags, commands, measure, optimisers
 from pendubot_identification import kernel
 from test.conftest import ROOT
 
 PAGE = ROOT / 'docs' / 'benchmarks.md'
-PARTS = {'optimisers': optimisers.full_budget, 'hour': bags.hour}
+PARTS = {'optimisers': optimisers.full_budget, 'hour': bags.hour, 'commands': commands.latency}
 
 
 def main():

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* In the place of stm32f4/rig.c: the encoders and the motor are a simulated pendubot, for QEMU, which has neither.
  *
  * All else is the program of a rig: interrupts, USART, rings, watchdog, the bridge's registers. QEMU has no clocks to

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* A board that is a Linux program: the firmware on a pseudo-terminal, with a simulated pendubot behind it.
  *
  * It takes the same options as the package's virtual_board, as far as the usage below names them, writes the same

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* A simulated pendubot: what moves where there is no rig. The equations and steps of the package's model/simulation.py
  * with the seven parameters of the paper. */
 #ifndef PLANT_H

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* A fault of the processor, or an interrupt that nobody expects: motor off, write it down, begin again disarmed. */
 #include "port.h"
 #include "registers.h"

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* The STM32F4's program: two interrupts do everything; the main loop feeds the watchdog while samples still come. */
 #include "port.h"
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* The H-bridge: duty by TIM1 channel 1, direction by a pin, emergency stop by TIM1's break input. */
 #include "port.h"
 #include "registers.h"

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* Of the STM32F405/F407 (reference manual RM0090) and its Cortex-M4, the registers and bits that are used here. */
 #ifndef REGISTERS_H
 #define REGISTERS_H

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* Clocks, pins, encoders and analog inputs of a real rig. */
 #include "port.h"
 #include "registers.h"

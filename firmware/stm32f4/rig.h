@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* Your rig: pins, constants and limits. It is the only file to change for another rig. firmware/README.md has the wiring.
  *
  * Values marked "measure" are guesses. Measure them on your rig, with the motor disconnected, before you arm it.

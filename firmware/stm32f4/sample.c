@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* SysTick: takes a sample every period, and knows the time of it.
  *
  * The cycle counter shows how many periods have passed since the sample before, so that a sample that takes longer than

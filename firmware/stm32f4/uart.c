@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* USART1: an interrupt moves bytes between the line and two rings; a sample empties the one and fills the other.
  *
  * A ring has one writer and one reader, each with an index of its own that wraps at 2^32, so nothing needs a lock. The

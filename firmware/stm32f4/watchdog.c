@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* The independent watchdog resets the chip when it is not fed for HUNG_MS. The pins then let go of the bridge. */
 #include "port.h"
 #include "registers.h"

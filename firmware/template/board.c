@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* A port to begin with: it compiles as C and as C++, talks to nobody, and never moves a motor.
  *
  * Copy it beside pendubot_link.c, pendubot_link.h, firmware.c and board.h, and replace what each comment names. Begin

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* The extended Kalman filter of filter.py, whose names are used: G recordings, each with L parameter vectors. */
 #include "motion.h"
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* The equations of motion of dynamics.py on vectors of four, the elementary functions that they need, and threads: what
  * rollout.c and filter.c share.
  *

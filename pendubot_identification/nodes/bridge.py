@@ -10,12 +10,11 @@ import math
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
@@ -32,7 +31,7 @@ from pendubot_identification.setting import Setting
 
 from .messages import JointStateBytes, Status, shoulder_effort
 from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_rivals
-from .runtime import JOINTS, SettingsNode, explained, run
+from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 
 #: The computer's clock was set if it is off by more than this [s].
 CLOCK_TOLERANCE = 0.05
@@ -61,7 +60,7 @@ class CommandAge:
         return (delay - min(self._least, self._least_before)) * 1e-9
 
 
-class Bridge(SettingsNode):
+class Bridge(ManagedNode):
     """Three threads share one :class:`Host` under a lock: the port's reader, which publishes with nothing in between;
     the housekeeper, for timeouts; and the executor, for commands and services.
     """
@@ -94,6 +93,7 @@ class Bridge(SettingsNode):
         Setting('max_speed', 100.0, 'largest joint speed; a faster sample disarms, unpublished', 'rad/s', 0.1, 1e6),
         Setting('max_travel', [0.0, 0.0], 'largest angle from count 0; 0: by the board', 'rad', 0.0, 1e4, length=2),
         Setting('confirm_zeros', True, 'whether ~/confirm_zeros has to be called once after every start of the board'),
+        AUTOSTART,
     )
 
     def _open(self, s: dict[str, Any]) -> None:
@@ -117,8 +117,6 @@ class Bridge(SettingsNode):
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
         self._stale, self._was_stale = 0, False
         self._logged_rivals = ''  # the sentence about rivals that was logged last
-        self.add_on_set_parameters_callback(self._allow)
-        self.add_post_set_parameters_callback(self._change)
         # Arming takes a while: effort commands are discarded meanwhile, not kept for later.
         self.serve('~/arm', self._on_arm)
         self.serve('~/disarm', self._on_disarm)
@@ -130,6 +128,7 @@ class Bridge(SettingsNode):
             on_opened=lambda: self._step(self._host.opened),
             on_closed=lambda reason: self._step(lambda now: self._host.closed(reason, now)),
         )
+        self._closing = threading.Event()
         self._housekeeper = threading.Thread(target=self._keep_house, name='housekeeper', daemon=True)
         # The objects so far stay: to look through them for garbage takes tens of ms, in which no sample gets through.
         gc.freeze()
@@ -142,22 +141,27 @@ class Bridge(SettingsNode):
         if not s['port']:
             raise ParameterError('port is empty; set it to a path or a pyserial URL')
 
-    def _allow(self, changed: list[Parameter]) -> SetParametersResult:
+    def _allow(self, changed: Sequence[Parameter]) -> None:
         """Refuse a larger torque limit while the motor is armed."""
         limits = [parameter.value for parameter in changed if parameter.name == 'torque_limit']
-        before = self._host.torque_limit
-        if self._host.armed and any(limit > before for limit in limits):
-            reason = f'torque_limit is {before:g} N m, and is not raised while the motor is armed; call ~/disarm first'
-            return SetParametersResult(successful=False, reason=reason)
-        return SetParametersResult(successful=True)
+        if self.opened and self._host.armed and any(limit > self._host.torque_limit for limit in limits):
+            raise ParameterError(
+                f'torque_limit is {self._host.torque_limit:g} N m, and is not raised while the motor is armed; call '
+                '~/disarm first'
+            )
 
-    def _change(self, changed: list[Parameter]) -> None:
+    def _change(self, changed: Sequence[Parameter]) -> None:
         for parameter in changed:
-            if parameter.name == 'torque_limit':
+            if self.opened and parameter.name == 'torque_limit':
                 self._step(partial(self._host.set_torque_limit, parameter.value))
+
+    def _deactivate(self) -> None:
+        """Disarm; while it is inactive nothing is armed and no joint states are published."""
+        self._step(self._host.disarm)
 
     def _close(self) -> None:
         """Disarm the board, whatever the reason of the end, and close the port."""
+        self._closing.set()
         self._step(self._host.disarm)
         self._housekeeper.join(2.0)
         self._link.close()
@@ -178,7 +182,7 @@ class Bridge(SettingsNode):
                         while self._arming:
                             self.answer(self._arming.pop(), event)
             for event in events:
-                if isinstance(event, Sample):
+                if isinstance(event, Sample) and self.active:
                     stamp_ns, q, qd, effort, current = event
                     self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort, current))
         except Exception as error:
@@ -187,7 +191,7 @@ class Bridge(SettingsNode):
                 self.end(1)
 
     def _keep_house(self) -> None:
-        while not self.ended.wait(self._pause):
+        while not self._closing.wait(self._pause):
             self._step(self._poll)
 
     def _poll(self, now: int) -> list[HostEvent]:
@@ -257,6 +261,9 @@ class Bridge(SettingsNode):
         self._arming.append(future)
         if rivals := name_rivals(self, *self._commands):
             return [ArmingFailed(rivals)]
+        if not self.active:
+            name = self.get_fully_qualified_name()
+            return [ArmingFailed(f'the bridge is inactive; call ros2 lifecycle set {name} activate')]
         # Not while it ends: the last message to the board has to be the disarm.
         return [ArmingFailed('the bridge is ending')] if self.ended.is_set() else self._host.arm(now)
 

@@ -15,29 +15,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
+from std_msgs.msg import String
 
-from pendubot_identification.errors import ResultError
+from pendubot_identification.errors import PendubotError, ResultError
 from pendubot_identification.files import refuse_input, refuse_unwritable, write_atomically
+from pendubot_identification.formats.export import export
 from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.recordings.bag_reader import BagWindow
-from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.report.tables import headline, summary
-from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.corrections import identify_recordings
+from pendubot_identification.results.computation import Computation, Request
 from pendubot_identification.results.options import settings_of
 from pendubot_identification.results.result import Result, plain
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 
-from .messages import Identification, Status, flat, parameter_values
-from .runtime import JOINTS, SettingsNode, explained, run
+from .messages import LATCHED, Identification, Status, flat, parameter_values
+from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 from .topics import check_names
 
+try:
+    from pendubot_interfaces.action import Identify
+except ImportError:  # in a virtual environment, for which nobody built it
+    Identify = None
+
+#: Not on robot_description: a controller_manager would take the rig without its <ros2_control> element from there.
+ROBOT_DESCRIPTION = 'pendubot/robot_description'
+#: Time between two feedback messages of one step [s].
+FEEDBACK_PERIOD = 0.1
 #: Time between two log lines of one step [s]; the beginning of a step is logged at once.
 LOG_PERIOD = 5.0
 #: The parameter that lets an existing result file be overwritten.
@@ -56,17 +68,18 @@ def _options() -> Iterator[Setting]:
             yield option
 
 
-class Identifier(SettingsNode):
-    """Identifies at the start where bags are named, and again at every call of ~/identify; stays alive."""
+class Identifier(ManagedNode):
+    """Identifies when it becomes active where bags are named, and at every call of ~/identify; stays alive."""
 
     PROGRAM = 'identifier'
     SUMMARY = (
         'Estimates the parameters of a rig from recorded bags and publishes them, latched, on pendubot/params, with '
-        'their quality on pendubot/identification. Set its parameters and call ~/identify to identify again: it '
-        'answers when the result is there, with success unless that failed or is of level ERROR.'
+        'their quality on pendubot/identification and a URDF on pendubot/robot_description. Set its parameters and '
+        'call ~/identify to identify again: it answers when the result is there, with success unless that failed or is '
+        'of level ERROR. The action ~/identify reports progress and can be canceled; it needs pendubot_interfaces.'
     )
     SETTINGS = tuple(
-        replace(each, dynamic=True)
+        replace(each, dynamic=each is not AUTOSTART)
         for each in (
             Setting('bags', [''], 'bags or files with columns that estimate, each BAG[@START:END] in seconds'),
             Setting('validate', [''], 'bags that only validate; by default the rest of the bags'),
@@ -79,6 +92,7 @@ class Identifier(SettingsNode):
             Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units'),
             Setting('output', '', 'result file to write; empty: none'),
             Setting('force', False, 'whether an existing result file is overwritten'),
+            AUTOSTART,
         )
     )
 
@@ -87,41 +101,85 @@ class Identifier(SettingsNode):
         # The progress on /diagnostics, replaced as a whole so that no thread sees half of it; and the step of the
         # computation, when it began and was logged last [s].
         self._progress: tuple[Level, str, dict[str, object]] = (Level.OK, 'waiting for ~/identify', {})
-        self._step, self._step_began, self._logged = '', 0.0, 0.0
+        self._step, self._step_began, self._logged, self._reported = '', 0.0, 0.0, 0.0
         Status(self, lambda: self._progress, ': progress')
+        self._description = self.create_publisher(String, ROBOT_DESCRIPTION, LATCHED)
         self._outcome: Future | None = None
+        self._computation = Computation()
+        self._goal: ServerGoalHandle | None = None
         self.serve('~/identify', self._on_identify)
+        if Identify is not None:
+            ActionServer(
+                self,
+                Identify,
+                '~/identify',
+                self._on_goal,
+                cancel_callback=self._on_cancel,
+                callback_group=ReentrantCallbackGroup(),
+            )
+
+    def _activate(self) -> None:
+        s = self.settings()
         if _named(s['bags']):
             self._start(s)
         else:
             self.get_logger().info('waiting: set the parameter bags and call ~/identify')
+
+    def _deactivate(self) -> None:
+        self._computation.stop()
+
+    def _close(self) -> None:
+        self._computation.stop()
 
     def _check(self, s: dict[str, Any]) -> None:
         _settings(s)
         check_names([s['topic']], 'topic')
 
     async def _on_identify(self) -> tuple[bool, str]:
-        s = self.settings()
-        if self._outcome is not None and not self._outcome.done():
-            return False, 'an identification is under way; wait for its result on /pendubot/identification'
-        if not _named(s['bags']):
-            return False, 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
-        level, text = await self._start(s)
+        level, text = await self._identified(self.settings())
         return level is not Level.ERROR, text
 
-    def _start(self, s: dict[str, Any]) -> Future:
-        """Identify in a thread of its own, so that the node answers meanwhile; return level and headline to come."""
-        self._outcome = Future()
-        threading.Thread(target=self._work, args=(s, self._outcome), daemon=True).start()
+    async def _on_goal(self, goal: ServerGoalHandle) -> Any:
+        given = {'bags': list(goal.request.bags), 'validate': list(goal.request.validate)}
+        level, text = await self._identified(self.settings() | {k: v for k, v in given.items() if v}, goal)
+        if level is not Level.ERROR:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return Identify.Result(level=int(level), message=text)
+
+    def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
+        if goal is self._goal:
+            self._computation.stop()
+        return CancelResponse.ACCEPT
+
+    async def _identified(self, s: dict[str, Any], goal: ServerGoalHandle | None = None) -> tuple[Level, str]:
+        """Identify, and report progress to the goal of an action; return level and headline."""
+        if not self.active:
+            name = self.get_fully_qualified_name()
+            return Level.ERROR, f'the identifier is inactive; call ros2 lifecycle set {name} activate'
+        if self._outcome is not None and not self._outcome.done():
+            return Level.ERROR, 'an identification is under way; wait for its result on /pendubot/identification'
+        if not _named(s['bags']):
+            return Level.ERROR, 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
+        return await self._start(s, goal)
+
+    def _start(self, s: dict[str, Any], goal: ServerGoalHandle | None = None) -> Future:
+        """Identify in a process of its own, so that the node answers meanwhile; return level and headline to come."""
+        self._outcome, self._computation, self._goal = Future(), Computation(), goal
+        threading.Thread(target=self._work, args=(s, self._computation, self._outcome), daemon=True).start()
         return self._outcome
 
-    def _work(self, s: dict[str, Any], outcome: Future) -> None:
+    def _work(self, s: dict[str, Any], computation: Computation, outcome: Future) -> None:
         try:
-            level, text = self._identify(s)
+            level, text = self._identify(s, computation)
         except Exception as error:
             level, text = Level.ERROR, explained(error)
             self.get_logger().error(text)
-            self._identification.publish(level, text, {})
+            if not computation.stopped:
+                self._identification.publish(level, text, {})
         self._step, self._progress = '', (level, text, {})
         self.answer(outcome, (level, text))
 
@@ -141,8 +199,11 @@ class Identifier(SettingsNode):
         if begins or now - self._logged >= LOG_PERIOD:
             self._logged = now
             self.get_logger().info(text)
+        if self._goal is not None and (begins or now - self._reported >= FEEDBACK_PERIOD):
+            self._reported = now
+            self._goal.publish_feedback(Identify.Feedback(stage=step, fraction=done / of if of else math.nan))
 
-    def _identify(self, s: dict[str, Any]) -> tuple[Level, str]:
+    def _identify(self, s: dict[str, Any], computation: Computation) -> tuple[Level, str]:
         settings = _settings(s)
         bags, validation = _named(s['bags']), _named(s['validate'])
         output = Path(s['output']) if s['output'] else None
@@ -152,14 +213,8 @@ class Identifier(SettingsNode):
             refuse_unwritable(output, overwrite=s['force'], force=FORCE)
         # A name in a bag: in this node's namespace if it is relative, but not remapped.
         topic = self.resolve_topic_name(s['topic'], only_expand=True)
-        names = s['joint_names']
-        found, data = identify_recordings(
-            lambda reading: load_datasets(bags, validation, topic=topic, joint_names=names, conversion=reading),
-            settings,
-            self._on_progress,
-            apply_remedies=s['apply_remedies'],
-        )
-        result = assemble_result(found, data.sources)
+        request = Request(bags, validation, topic, s['joint_names'], settings, s['apply_remedies'])
+        result = computation.run(request, self._on_progress)
         level, text = result.level, headline(result)
         self.log(level, f'identified\n{summary(result)}')
         try:
@@ -171,7 +226,17 @@ class Identifier(SettingsNode):
             self.get_logger().error(text)
         theta = result.theta.vector(result.model)
         self._identification.publish(result.level, headline(result), identification_values(result), theta)
+        self._describe(result, s['link_length'])
         return level, text
+
+    def _describe(self, result: Result, link_length: float) -> None:
+        """Publish the rig with these parameters as a URDF, if masses exist that have them."""
+        try:
+            text, _ = export(result, 'urdf', link_length or None)
+        except PendubotError as error:
+            self.get_logger().warning(f'{ROBOT_DESCRIPTION} is not published: {error}')
+        else:
+            self._description.publish(String(data=text))
 
 
 def identification_values(result: Result) -> dict[str, Any]:

@@ -141,6 +141,7 @@ class Status:
 
     def publish(self, level: Level, summary: str, values: Mapping[str, Any]) -> None:
         """Publish a diagnosis."""
+        summary = summary if getattr(self._node, 'active', True) else f'inactive; {summary}'
         self.publisher.publish(status_message(self._node, self._name, level, summary, values, self._rig))
 
 

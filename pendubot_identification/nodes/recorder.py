@@ -25,7 +25,7 @@ from pendubot_identification.recordings.flow import Flow, diagnose
 from pendubot_identification.setting import Setting
 
 from .messages import Status
-from .runtime import SettingsNode, run
+from .runtime import AUTOSTART, ManagedNode, run
 from .topics import DEPTH, Fetcher, check_names, message_class, quality, recorded
 
 DISCOVERY_PERIOD = 0.1  #: Between two searches for new publishers [s].
@@ -46,7 +46,7 @@ class Topic:
     trouble: str = ''
 
 
-class Recorder(SettingsNode):
+class Recorder(ManagedNode):
     """Subscribes to every topic as soon as somebody publishes it, and writes its messages.
 
     The executor fetches and writes a hundred times a second; a thread of its own waits for the disk, so that a slow one
@@ -64,6 +64,7 @@ class Recorder(SettingsNode):
         Setting('topics', ['joint_states', 'pendubot/effort_command'], 'the topics to record'),
         Setting('reserve', 100_000_000, 'the bag is closed before the disk has less than this left', 'bytes', 0),
         Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
+        AUTOSTART,
     )
 
     def _open(self, s: dict[str, Any]) -> None:
@@ -81,10 +82,14 @@ class Recorder(SettingsNode):
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
         self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._bag.flush))
-        threading.Thread(target=self._keep_synced, name='sync', daemon=True).start()
+        threading.Thread(target=self._keep_synced, args=(self._ending,), name='sync', daemon=True).start()
 
     def _check(self, s: dict[str, Any]) -> None:
         self._resolved(s['topics'])
+
+    def _deactivate(self) -> None:
+        """Pause, once all that has come is written; the next activation goes on in the same bag."""
+        self._fetcher.fetch_all()
 
     def _close(self) -> None:
         """Close the bag and report its messages; raise BagError if the system refused to write."""
@@ -159,6 +164,9 @@ class Recorder(SettingsNode):
 
     def _take(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         topic = self._topics[name]
+        if not self.active:
+            topic.flow.pause()
+            return
         received_ns = info['received_timestamp'] or time.time_ns()
         published_ns = info['source_timestamp'] or received_ns
         # A message that had to be sent again was received later than the next one; players go by log time.
@@ -171,8 +179,8 @@ class Recorder(SettingsNode):
             self._ending.set()
             self.end(self.exit_status)
 
-    def _keep_synced(self) -> None:
-        while not self._ending.is_set():
+    def _keep_synced(self, ending: threading.Event) -> None:
+        while not ending.is_set():
             self._sync_due.wait(SYNC_PERIOD)
             self._sync_due.clear()
             self._guarded(self._bag.sync)

@@ -17,11 +17,15 @@ from typing import Any
 
 import rclpy
 import yaml
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.action import ActionServer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -42,6 +46,8 @@ from .shutdown import Shutdown, at_signal, ignore_signals
 JOINTS = Setting(
     'joint_names', ['shoulder', 'elbow'], 'names of the two joints in joint_states', length=2, distinct=True
 )
+#: Of nodes with a lifecycle.
+AUTOSTART = Setting('autostart', True, 'whether it becomes active by itself; otherwise by ros2 lifecycle set')
 
 
 def descriptor(setting: Setting) -> ParameterDescriptor:
@@ -93,6 +99,15 @@ class SettingsNode(Node):
         self._refuse_senseless(self.settings())
         self.add_pre_set_parameters_callback(lambda changed: [self._as_number(p) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
+        self.add_post_set_parameters_callback(self._change)
+
+    def start(self) -> None:
+        """Open the node."""
+        self._open(self.settings())
+
+    def stop(self) -> None:
+        """Close the node, at the end of the program."""
+        self._close()
 
     def settings(self, changed: Sequence[Parameter] = ()) -> dict[str, Any]:
         """Return the value of every setting, changed ones included: arrays as lists, None if it is left open."""
@@ -107,6 +122,12 @@ class SettingsNode(Node):
 
     def _check(self, s: dict[str, Any]) -> None:
         """Refuse settings that make no sense together, by ParameterError."""
+
+    def _allow(self, changed: Sequence[Parameter]) -> None:
+        """Refuse changes of parameters at this moment, by ParameterError."""
+
+    def _change(self, changed: Sequence[Parameter]) -> None:
+        """Apply changes of parameters."""
 
     def _open(self, s: dict[str, Any]) -> None:
         """Open ports, files, topics and services by the settings."""
@@ -182,9 +203,125 @@ class SettingsNode(Node):
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
         try:
             self._refuse_senseless(self.settings(changed))
+            self._allow(changed)
         except PendubotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+
+class ManagedNode(LifecycleNodeMixin, SettingsNode):
+    """A node with the lifecycle of ROS 2: configured, it is open; active, it works, too.
+
+    A subclass overrides :meth:`_activate` and :meth:`_deactivate`, too. With the parameter ``autostart`` it is active
+    from the start.
+    """
+
+    def __init__(self, ended: Shutdown) -> None:
+        SettingsNode.__init__(self, ended)
+        LifecycleNodeMixin.__init__(self)
+        self.active = self.opened = False
+        self._failure: Exception | None = None
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+        self._permanent = self._entities()
+
+    def _activate(self) -> None:
+        """Begin to work."""
+
+    def _deactivate(self) -> None:
+        """Stop work, safely: what waits for it is answered here."""
+
+    def start(self) -> None:
+        """Become active if ``autostart`` is set; raise what prevents it."""
+        if not self.settings()[AUTOSTART.name]:
+            name = self.get_fully_qualified_name()
+            self.get_logger().info(f'waiting: ros2 lifecycle set {name} configure, then activate')
+            return
+        for transition in (self.trigger_configure, self.trigger_activate):
+            if transition() is not TransitionCallbackReturn.SUCCESS and self._failure is not None:
+                raise self._failure
+
+    def stop(self) -> None:
+        """Close the node if it is open."""
+        if self.opened:
+            self.opened = False
+            self._close()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open the node."""
+        answer = self._attempt(lambda: self._open(self.settings()))
+        self.opened = answer is TransitionCallbackReturn.SUCCESS
+        if not self.opened:
+            self._destroy_entities()
+        return answer
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to work."""
+        answer = self._attempt(self._activate)
+        self.active = answer is TransitionCallbackReturn.SUCCESS
+        return answer
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop work."""
+        try:
+            self._deactivate()
+        finally:
+            self.active = False
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the node."""
+        self.stop()
+        self._destroy_entities()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the program."""
+        if self.active:
+            self.on_deactivate(state)
+        self.end()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the program with status 1: it could not be stopped or closed in order."""
+        self.get_logger().fatal('a transition failed; ending')
+        self.end(1)
+        return TransitionCallbackReturn.FAILURE
+
+    def _attempt(self, action: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do something; a failure leaves the state as it was."""
+        try:
+            action()
+        except Exception as error:
+            self._failure = error
+            if self.executor is not None:  # else it ends the program, which says so
+                self.get_logger().error(explained(error))
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+        """Refuse a transition that the state does not have; rclpy would end the program, and so disarm a rig."""
+        try:
+            return self._change_state(request, response)
+        except rclpy_implementation.RCLError as error:
+            self.get_logger().warning(
+                f'this transition is not possible now ({error}); ros2 lifecycle list names others'
+            )
+            response.success = False
+            return response
+
+    def _entities(self) -> dict[str, set[Any]]:
+        kinds = 'publisher', 'subscription', 'service', 'client', 'timer'
+        return {kind: set(getattr(self, f'{kind}s')) for kind in kinds}
+
+    def _destroy_entities(self) -> None:
+        """Destroy what was made since the construction."""
+        for waitable in list(self.waitables):
+            if isinstance(waitable, ActionServer):
+                waitable.destroy()
+        for kind, entities in self._entities().items():
+            for entity in entities - self._permanent[kind]:
+                getattr(self, f'destroy_{kind}')(entity)
 
 
 def help_text(node_class: type[SettingsNode]) -> str:
@@ -233,7 +370,7 @@ def run(node_class: type[SettingsNode]) -> int:
         node = node_class(ended)
         with running(node):
             ended.wait()
-            node._close()
+            node.stop()
         return node.exit_status
     except Exception as error:
         print(f'{node_class.PROGRAM}: {explained(error)}', file=sys.stderr)
@@ -265,7 +402,7 @@ def running(node: SettingsNode) -> Iterator[None]:
     thread = threading.Thread(target=spin, daemon=True)
     try:
         node.declare()
-        node._open(node.settings())
+        node.start()
         executor.add_node(node)
         thread.start()
         yield

@@ -26,7 +26,7 @@ from pendubot_identification.tracking.events import Disturbance, Event, Lost, St
 
 from .messages import Identification, Status, flat, parameter_values
 from .ownership import name_rivals
-from .runtime import JOINTS, SettingsNode, explained, run
+from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 from .topics import DEPTH, Fetcher, quality
 
 #: The messages that have come are fetched and used this often [s].
@@ -35,7 +35,7 @@ PERIOD = 0.1
 NARROWER = 0.5
 
 
-class Tracker(SettingsNode):
+class Tracker(ManagedNode):
     """Estimates in a thread of its own, so that services answer meanwhile; publishes parameters that have moved."""
 
     PROGRAM = 'tracker'
@@ -49,6 +49,7 @@ class Tracker(SettingsNode):
         Setting('start', '', 'result file to begin with; empty: the first motion is identified'),
         Setting('model', 'coulomb', 'which parameters there are, without a start', choices=tuple(MODELS)),
         Setting('rate', 1.0, 'parameters are published at most so often', 'Hz', 0.01, 10.0, dynamic=True),
+        AUTOSTART,
     )
 
     def _open(self, s: dict[str, Any]) -> None:
@@ -70,12 +71,17 @@ class Tracker(SettingsNode):
         self.create_service(SetBool, '~/hold', self._on_hold)
         self.serve('~/reset', self._on_reset)
         Status(self, self._diagnosis)
-        self._worker = threading.Thread(target=self._work, daemon=True)
+        self._closing = threading.Event()
+        self._worker = threading.Thread(target=self._work, args=(self._closing,), daemon=True)
         self._worker.start()
         self.get_logger().info(self._tracker.waiting)
 
+    def _activate(self) -> None:
+        self._forget = self._taken > 0
+
     def _close(self) -> None:
         """Let the thread come to its end, but do not wait for an identification in it."""
+        self._closing.set()
         self._worker.join(1.0)
 
     def _on_hold(self, request: SetBool.Request, _: SetBool.Response) -> SetBool.Response:
@@ -87,8 +93,8 @@ class Tracker(SettingsNode):
         self._forget = True
         return True, 'all begins anew with the next motion'
 
-    def _work(self) -> None:
-        while not self.ended.wait(PERIOD):
+    def _work(self, closing: threading.Event) -> None:
+        while not closing.wait(PERIOD):
             try:
                 if self._forget:
                     self._forget = False
@@ -96,6 +102,9 @@ class Tracker(SettingsNode):
                     self._published = None
                 self._fetcher.fetch_all()
                 self._refuse_second_rig()
+                if not self.active:
+                    self._waiting.clear()
+                    continue
                 self._estimate()
                 if not self._held:
                     self._publish()

@@ -158,10 +158,9 @@ def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
 
         def _open(self, s: dict[str, Any]) -> None:
             board.carry(s['payload'])
-            self.add_post_set_parameters_callback(self._changed)
 
-        def _changed(self, parameters: Sequence[Parameter]) -> None:
-            for parameter in parameters:
+        def _change(self, changed: Sequence[Parameter]) -> None:
+            for parameter in changed:
                 if parameter.name == PAYLOAD.name:
                     board.carry(parameter.value)
                     self.get_logger().info(f'link 2 carries {parameter.value:g} kg')

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* Modified differential evolution on a quadratic criterion: trials() of mde.py and what is around it, for one run.
  *
  * Plain C without Python.h, called through ctypes. It draws its own random numbers. An array of vectors holds one

@@ -40,6 +40,10 @@ class Flow:
             self.lost += max(number - self._last - 1, 0)
         self._last = number if publishers == 1 else None
 
+    def pause(self) -> None:
+        """Do not count the messages until the next one as lost."""
+        self._last = None
+
     def report(self, elapsed: float) -> tuple[float, float]:
         """Return rate [Hz] and largest lag [s] since the last report, ``elapsed`` seconds ago."""
         result = self._since / elapsed, self._lag_ns / 1e9

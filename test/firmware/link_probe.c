@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* Calls pendubot_link.c as records on stdin say, and answers on stdout; link_probe.py has the other end. */
 #include "pendubot_link.h"
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* In the place of stm32f4/main.c, for a computer that has memory where the STM32F4 has registers: test_rig.py. */
 #include "port.h"
 #include "registers.h"

@@ -9,6 +9,8 @@ from itertools import product
 from xml.etree import ElementTree
 
 import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 from test.conftest import ROOT
 from test.processes import Program, parameters, spin_until
@@ -20,6 +22,14 @@ LOOK = {
     'subscribe': 'get_subscriber_names_and_types_by_node',
     'reply': 'get_service_names_and_types_by_node',
     'request': 'get_client_names_and_types_by_node',
+}
+#: The topics and services of an action, by what a node does with it.
+ACTIONS = {
+    'execute': {
+        'publish': ('/_action/feedback', '/_action/status'),
+        'reply': ('/_action/send_goal', '/_action/get_result', '/_action/cancel_goal'),
+    },
+    'call': {},
 }
 
 
@@ -35,7 +45,9 @@ def policy():
             ((kind, qualifier),) = rules.attrib.items()
             assert qualifier == 'ALLOW'
             names = {'/' + entry.text.replace('~', node).removeprefix('/') for entry in rules}
-            allowed.setdefault((profile.get('node'), kind), set()).update(names)
+            for each, parts in ACTIONS.get(kind, {kind: ('',)}).items():
+                made = {name + part for name in names for part in parts}
+                allowed.setdefault((profile.get('node'), each), set()).update(made)
     return allowed
 
 
@@ -50,7 +62,7 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
     observer, used, allowed = ros.create_node('observer'), {('balancer', 'publish'): {EFFORT}}, policy()
     values = {
         'bridge': {'port': tmp_path / 'board'},
-        'recorder': {'output': tmp_path / 'bag'},
+        'recorder': {'output': tmp_path / 'bag', 'topics': f'[joint_states, {EFFORT}, /pendubot/joint_commands]'},
         'player': {'bag': ROOT / 'bags/paper_experiment', 'topics': '[joint_states]', 'rate': 0.01, 'clock': 1.0},
     }
 
@@ -64,16 +76,25 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
         return {each: wrong for each, wrong in compared.items() if wrong}
 
     def start(*names):
-        started = [programs.enter_context(Program(name, *parameters(**values.get(name, {})))) for name in names]
-        assert spin_until(observer, lambda: not differences(names), 30.0), differences(names)
+        words = {name: ['--link', tmp_path / 'board'] if name == 'virtual_board' else [] for name in names}
+        started = [
+            programs.enter_context(Program(name, *words[name], *parameters(**values.get(name, {})))) for name in names
+        ]
+        assert spin_until(observer, lambda: not differences(names), 30.0), (
+            differences(names),
+            [p.output for p in started],
+        )
         return started
 
     try:
         with ExitStack() as programs:
             # The player publishes joint states, too, and an exciter beside two publishers ends.
-            bridge, _ = start('bridge', 'exciter')
+            bridge, *_ = start('bridge', 'exciter')
             bridge.stop()
-            start('player', 'identifier', 'recorder', 'balancer', 'tracker')
+            # The recorder subscribes to what is published.
+            observer.create_publisher(JointState, '/pendubot/joint_commands', 1)
+            observer.create_publisher(Float64, EFFORT, 1)
+            start('player', 'identifier', 'recorder', 'balancer', 'tracker', 'virtual_board')
     finally:
         observer.destroy_node()
     # Who commands torques is what it is all about.

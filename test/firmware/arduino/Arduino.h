@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* As much of Arduino as the sketch needs, on this computer; sketch_probe.cpp plays pins, time and the line. */
 #ifndef ARDUINO_H
 #define ARDUINO_H

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 #ifndef EEPROM_H
 #define EEPROM_H
 

@@ -1,5 +1,5 @@
-/* Copyright 2026 The pendubot_identification authors
- * SPDX-License-Identifier: Apache-2.0 */
+// Copyright 2026 The pendubot_identification authors
+// SPDX-License-Identifier: Apache-2.0
 /* Runs the sketch as lines on stdin say, and answers on stdout; test_template.py has the other end. */
 #include "Arduino.h"
 

@@ -1,0 +1,126 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""An identification in a process of its own, which can be stopped at any moment. Needs no ROS.
+
+A thread could not be stopped: some stages take seconds between two reports of progress. The parent process writes a
+pickled :class:`Request` to the child process, which answers with pickled reports of progress and a result.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pendubot_identification.errors import PendubotError, sentence
+from pendubot_identification.identify.estimate import Progress
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.recordings.datasets import load_datasets
+from pendubot_identification.results.assemble import assemble_result
+from pendubot_identification.results.corrections import identify_recordings
+from pendubot_identification.results.result import Result
+
+STOPPED = 'the identification was canceled'
+
+
+@dataclass(frozen=True)
+class Request:
+    """The recordings to identify, see :func:`.datasets.load_datasets`, and how."""
+
+    bags: Sequence[str]
+    validate: Sequence[str]
+    topic: str
+    joint_names: Sequence[str]
+    settings: Settings
+    apply_remedies: bool
+
+    def identify(self, progress: Progress) -> Result:
+        """Return the result.
+
+        Raises:
+            PendubotError: see :func:`.corrections.identify_recordings`.
+        """
+        found, data = identify_recordings(
+            lambda reading: load_datasets(
+                self.bags, self.validate, topic=self.topic, joint_names=self.joint_names, conversion=reading
+            ),
+            self.settings,
+            progress,
+            apply_remedies=self.apply_remedies,
+        )
+        return assemble_result(found, data.sources)
+
+
+class Computation:
+    """The child process of one identification: one thread runs it, and any thread may stop it.
+
+    Attributes:
+        stopped: whether it was stopped.
+    """
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self.stopped = False
+
+    def stop(self) -> None:
+        """Kill the process, or keep it from starting."""
+        self.stopped = True
+        if self._process is not None:
+            self._process.kill()
+
+    def run(self, request: Request, progress: Progress) -> Result:
+        """Identify.
+
+        Raises:
+            PendubotError: the identification failed or was stopped.
+        """
+        # The same modules as here, whatever the current folder holds.
+        code = f'import sys; sys.path[:] = {sys.path!r}; from {__name__} import main; main()'
+        command = [sys.executable, '-c', code, *(['--debug'] if '--debug' in sys.argv else [])]
+        # In a session of its own, so that a Ctrl-C in the terminal reaches the node alone.
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        ) as process:
+            self._process = process
+            assert process.stdin is not None
+            assert process.stdout is not None
+            if self.stopped:
+                process.kill()
+            try:
+                process.stdin.write(pickle.dumps(request))
+                process.stdin.flush()
+                while isinstance(answer := pickle.load(process.stdout), tuple):
+                    progress(*answer)
+            except (EOFError, OSError, pickle.UnpicklingError):
+                process.kill()
+                answer = f'the process of the identification ended with status {process.wait()}; look at the system log'
+        if self.stopped or isinstance(answer, str):
+            raise PendubotError(STOPPED if self.stopped else answer)
+        return answer
+
+
+def main() -> None:
+    """Read a request, and write progress as tuples, then the result, or the sentence of an error."""
+    # Whatever is printed must not come between the answers.
+    answers = os.fdopen(os.dup(1), 'wb')
+    os.dup2(2, 1)
+
+    def send(answer: Any) -> None:
+        pickle.dump(answer, answers)
+        answers.flush()
+
+    request = pickle.load(sys.stdin.buffer)
+    try:
+        send(request.identify(lambda *step: send(step)))
+    except BrokenPipeError:
+        os._exit(1)  # the node has ended
+    except Exception as error:
+        if '--debug' in sys.argv:
+            traceback.print_exception(error)
+        send(sentence(error))

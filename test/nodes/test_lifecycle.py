@@ -1,0 +1,167 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The lifecycle of the nodes, by the services that ``ros2 lifecycle`` calls."""
+
+import shutil
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from std_srvs.srv import Trigger
+
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from test.conftest import ROOT
+from test.nodes.observer import Observer
+from test.processes import Program, parameters
+from test.rig import ARMED, PATIENT, WATCHDOG
+
+pytestmark = pytest.mark.ros
+MANAGED = 'bridge', 'recorder', 'identifier', 'tracker'
+ROUND = 'configure', 'activate', 'deactivate', 'cleanup'
+STATES = dict(zip(ROUND, ('inactive', 'active', 'inactive', 'unconfigured'), strict=True))
+
+
+class Manager(Observer):
+    """Leads nodes through their states."""
+
+    def state(self, node):
+        return self.call(GetState, f'/{node}/get_state').current_state.label
+
+    def change(self, node, label):
+        """Ask for a transition; return whether it was made."""
+        return self.call(ChangeState, f'/{node}/change_state', transition=Transition(label=label)).success
+
+
+@pytest.fixture
+def manager(ros):
+    with Manager(ros) as made:
+        yield made
+
+
+@pytest.mark.parametrize('name', MANAGED)
+def test_every_node_goes_round_twice_refuses_what_is_impossible_and_is_active_by_default(manager, tmp_path, name):
+    own = {'bridge': {'port': tmp_path / 'board'}, 'recorder': {'output': tmp_path / 'bag'}}.get(name, {})
+    with Program(name, *parameters(**own)) as program:
+        assert manager.state(name) == 'active'
+        assert program.stop() == 0
+    with Program(name, *parameters(autostart='false', **own)) as program:
+        program.wait_for(f'waiting: ros2 lifecycle set /{name} configure')
+        for label in ROUND * 2:
+            if label == 'configure':
+                shutil.rmtree(tmp_path / 'bag', ignore_errors=True)
+            impossible = {'inactive': 'configure', 'active': 'activate', 'unconfigured': 'deactivate'}[STATES[label]]
+            assert manager.change(name, label), program.output
+            assert manager.state(name) == STATES[label]
+            assert not manager.change(name, impossible)
+            assert manager.state(name) == STATES[label]
+        assert manager.change(name, 'shutdown')
+        assert program.process.wait(10) == 0, program.output
+
+
+def test_a_node_that_cannot_be_configured_says_why_and_stays_as_it_was(manager, tmp_path):
+    with Program('recorder', *parameters(autostart='false', output=tmp_path)) as program:
+        assert not manager.change('recorder', 'configure')
+        program.wait_for(f'{tmp_path} exists already')
+        assert manager.state('recorder') == 'unconfigured'
+        tmp_path.rmdir()
+        assert manager.change('recorder', 'configure'), program.output
+        assert program.stop() == 0
+    assert (tmp_path / 'metadata.yaml').exists()
+
+
+@pytest.mark.usefixtures('each_board')
+def test_deactivating_the_bridge_disarms_and_only_an_active_bridge_is_armed(rig, manager):
+    r = rig()
+    r.start_board()
+    bridge = r.start_bridge(*PATIENT)
+    r.until_samples()
+    assert r.call('arm').success
+    r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
+    assert manager.change('bridge', 'deactivate')
+    r.until(lambda: r.trace()[-1, 3:].tolist() == [0, 0])
+    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
+    answer = r.call('arm')
+    assert not answer.success
+    assert 'the bridge is inactive; call ros2 lifecycle set /bridge activate' in answer.message
+    r.until(lambda: r.diagnoses and r.diagnoses[-1].message.startswith('inactive; '))
+    said, rows = len(r.samples), len(r.trace())
+    r.drive_until(0.2, lambda: len(r.trace()) > rows + 100)
+    assert len(r.samples) == said, 'no joint states while it is inactive'
+    assert not (r.trace()[rows:, 4] & ARMED).any()
+    assert manager.change('bridge', 'activate')
+    r.until_samples()
+    rows = len(r.trace())
+    r.drive_until(0.2, lambda: len(r.trace()) > rows + 50)
+    assert not r.trace()[rows:, 3].any(), 'nothing moves before it is armed again'
+    assert r.call('arm').success
+    r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
+    assert manager.change('bridge', 'shutdown')
+    assert bridge.process.wait(10) == 0
+    r.until(lambda: not r.trace()[-1, 4] & ARMED)
+    assert not (r.trace()[:, 4] & WATCHDOG).any()
+
+
+def test_the_recorder_writes_while_it_is_active_into_one_bag(manager, rig, tmp_path):
+    r = rig()
+    r.start_board()
+    r.start_bridge()
+
+    def rate():
+        status = manager.status('recorder')
+        values = {} if status is None else {pair.key: pair.value for pair in status.values}
+        return float(values.get('/joint_states rate [Hz]', 0.0)), int(values.get('/joint_states lost', 0))
+
+    with Program('recorder', *parameters(output=tmp_path / 'bag', topics='[joint_states]')) as program:
+        manager.until(lambda: rate()[0] > 0)
+        assert manager.change('recorder', 'deactivate')
+        manager.until(lambda: rate()[0] == 0 and manager.status('recorder').message.startswith('inactive; '))
+        assert manager.change('recorder', 'activate')
+        manager.until(lambda: rate()[0] > 0)
+        assert rate()[1] == 0, 'what passed during the pause is not lost'
+        assert program.stop() == 0
+    t = read_trajectory(tmp_path / 'bag').trajectory.t
+    gaps = (t[1:] - t[:-1]) > 0.5
+    assert gaps.sum() == 1
+
+
+def test_the_exciter_does_not_arm_before_the_recorder_is_active(manager, rig, tmp_path):
+    r = rig()
+    r.start_board()
+    r.start_bridge(*PATIENT)
+    recorder = r.start('recorder', *parameters(output=tmp_path / 'bag', autostart='false'))
+    exciter = r.start('exciter', *parameters(arm='true', recorded='true', duration=0.2))
+    exciter.wait_for('waiting for a recorder of /joint_states')
+    assert manager.change('recorder', 'configure'), recorder.output
+    exciter.wait_for('waiting for a recorder of /joint_states')
+    assert not (r.trace()[:, 4] & ARMED).any()
+    assert manager.change('recorder', 'activate')
+    exciter.wait_for('exciting for')
+    assert exciter.process.wait(20) == 0
+
+
+def test_an_identifier_and_a_tracker_do_nothing_while_they_are_inactive(manager):
+    bag = ROOT / 'bags/paper_experiment'
+    fast = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
+    with Program('identifier', *parameters(bags=f'[{bag}]', autostart='false', **fast)) as program:
+        assert manager.change('identifier', 'configure')
+        answer = manager.call(Trigger, '/identifier/identify')
+        assert (answer.success, 'the identifier is inactive' in answer.message) == (False, True)
+        assert not manager.params
+        assert manager.change('identifier', 'activate')
+        manager.until(lambda: manager.params)
+        assert program.stop() == 0
+    with Program('tracker') as program, Program('player', *parameters(bag=bag, topics='[joint_states]', rate=4.0)):
+
+        def samples():
+            status = manager.status('tracker')
+            return 0 if status is None else int({p.key: p.value for p in status.values}['samples'])
+
+        manager.until(lambda: samples() > 0)
+        assert manager.change('tracker', 'deactivate')
+        manager.until(lambda: manager.status('tracker').message.startswith('inactive; '))
+        before = samples()
+        manager.statuses.clear()
+        manager.until(lambda: len([s for s in manager.statuses if s.name == 'tracker']) > 1)
+        assert samples() == before
+        assert program.stop() == 0
