@@ -56,14 +56,15 @@ $(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/
 	@$(PIP) --editable '.[ros]'
 	@touch $@
 
-# The action's Python module, which colcon builds in a ROS workspace: here generated, and compiled by a C++ compiler.
+# The action's Python module, which colcon builds in a ROS workspace: here compiled, if there is a C++ compiler.
 $(VENV)/.interfaces: $(VENV)/.ros .ci/interfaces.txt .ci/wheels.cmake $(shell find pendubot_interfaces -type f)
-	@$(PIP) --requirement .ci/interfaces.txt
 	@export PATH="$(abspath $(BIN)):$$PATH" AMENT_PREFIX_PATH=$(abspath $(VENV)) && { \
+		$(PIP) --requirement .ci/interfaces.txt && \
 		cmake -S pendubot_interfaces -B $(VENV)/interfaces -DCMAKE_INSTALL_MESSAGE=NEVER \
 			-DCMAKE_PREFIX_PATH=$(abspath $(VENV)) -DCMAKE_INSTALL_PREFIX=$(abspath $(VENV)) -DBUILD_TESTING=OFF \
 			-DPython3_EXECUTABLE=$(abspath $(BIN))/python -DCMAKE_PROJECT_INCLUDE=$(abspath .ci/wheels.cmake) && \
-		cmake --build $(VENV)/interfaces --target install; } > $(VENV)/interfaces.log 2>&1 || { cat $(VENV)/interfaces.log; exit 1; }
+		cmake --build $(VENV)/interfaces --target install; } > $(VENV)/interfaces.log 2>&1 \
+		|| echo 'no interface of the action was built, see $(VENV)/interfaces.log: its tests are skipped'
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.ros $(VENV)/.interfaces
