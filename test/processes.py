@@ -19,7 +19,8 @@ NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tr
 MODULES = {name: f'pendubot_identification.nodes.{name}' for name in NODES}
 #: What may be the virtual board: the package's, and the firmware as a Linux program.
 BOARDS = {'python': MODULES['virtual_board'], 'c': 'test.firmware.host_board'}
-MODULES |= {'pendubot': 'pendubot_identification.cli.main', 'listener': 'test.listener'}
+MODULES |= {'pendubot': 'pendubot_identification.cli.main', 'watcher': 'pendubot_identification.nodes.watcher'}
+MODULES |= {'listener': 'test.listener'}
 
 
 def parameters(**values):

@@ -107,7 +107,7 @@ def _half(std_error: str | None) -> float | None:
 def main() -> int:
     """Watch until a signal, or until nobody reads; return the exit status."""
     ended = Shutdown()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    rclpy.init(args=['--ros-args', '--enclave', '/pendubot/watcher'], signal_handler_options=SignalHandlerOptions.NO)
     try:
         at_signal(ended.set)
         node = Watcher()

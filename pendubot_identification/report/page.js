@@ -52,7 +52,7 @@
     zoom(low + by, high + by);
   }
 
-  // The value of a line, or of its twin, at a time, between its points; null outside and in its gaps.
+  // The value of a line at a time, between its points; null outside and in its gaps.
   function value(line, t) {
     let k = -1, n = line.t.length;
     while (n - k > 1) {
@@ -64,8 +64,7 @@
     const [a, b] = [line.y[k], line.y[n]];
     if (a !== null && (line.style === 'steps' || k === n)) return a;
     if (a !== null && b !== null) return a + (b - a) * (t - line.t[k]) / (line.t[n] - line.t[k]);
-    const nearest = t - line.t[k] < line.t[n] - t ? a : b;
-    return nearest === null && line.twin ? value(line.twin, t) : nearest;
+    return t - line.t[k] < line.t[n] - t ? a : b;
   }
 
   // Writes the values at a time above each panel, and poses the rig.
@@ -120,7 +119,7 @@
     const head = element('div', box, '', { className: 'head' });
     element('b', head, data.label);
     const panel = { extent, data };
-    panel.outputs = data.lines.filter((line) => line.style !== 'dots' && !line.isTwin).map((line) => [
+    panel.outputs = data.lines.filter((line) => line.style !== 'dots').map((line) => [
       line, element('output', legend(head, line.colour, line.label)),
     ]);
     panel.fit = element('b', head, '', { className: 'fit' });
@@ -301,44 +300,33 @@
 
   // The measured motion of a plot, and its simulation from a chosen start, again and again every so many steps.
   function addSimulation(plot) {
-    const { first, step, states, tau, scale } = plot.live, last = states[0].length - 1;
-    const t = states[0].map((_, k) => first + k * step);
-    const none = () => t.map(() => null);
-    const scaled = plot.panels.map(({ power }) => 10 ** power);
-    const line = (how, y = none()) => ({ ...how, t, y });
-    // A simulation ends where the next begins: they are drawn as two lines in turn.
-    const twins = (how) => {
-      const twin = line({ ...how, label: '', isTwin: true });
-      return [{ ...line(how), twin }, twin];
-    };
-    plot.panels.forEach((panel, k) => {
-      if (k < 4) {
-        const [measured, simulated, dots] = panel.lines;
-        panel.lines = [line(measured, states[k].map((x) => x / scaled[k])), ...twins(simulated), line(dots)];
-      } else panel.lines = panel.lines.flatMap(twins);
-    });
-    const live = { t, step, tau, p: [...rig.vectors.identified], start: 0, every: plot.live.every, fit: [] };
+    const { first, step, states, tau, scale, every } = plot.live, last = states[0].length - 1;
+    const t = states[0].map((_, k) => first + k * step), scaled = plot.panels.map(({ power }) => 10 ** power);
+    const errors = plot.panels.slice(4).flatMap(({ lines }) => lines);
+    for (const { lines } of plot.panels) for (const line of lines) Object.assign(line, { t, y: t.map(() => null) });
+    states.forEach((state, j) => { plot.panels[j].lines[0].y = state.map((x) => x / scaled[j]); });
+    const measured = t.map((_, k) => states.map((state) => state[k]));
+    const live = { t, step, tau, measured, simulated: [], p: [...rig.vectors.identified], start: 0, every, fit: [] };
     live.update = () => {
-      for (const { lines } of plot.panels) for (const each of lines) if (each.label !== 'measured') each.y.fill(null);
+      for (const { lines } of plot.panels) for (const { label, y } of lines) if (label !== 'measured') y.fill(null);
+      live.simulated = [];
       const squares = [0, 0, 0, 0];
-      let begin = live.start;
-      for (let piece = 0; begin < last; piece += 1) {
-        const steps = Math.min(live.every, last - begin);
-        const found = simulate(live.p, states.map((state) => state[begin]), tau, step, begin, steps);
+      for (let begin = live.start, steps; begin < last; begin += steps) {
+        steps = Math.min(live.every, last - begin);
+        const found = simulate(live.p, measured[begin], tau, step, begin, steps);
+        const shown = begin + steps < last ? steps - 2 : steps; // a gap before the next simulation
+        found.forEach((x, k) => { if (Number.isFinite(x[0] + x[1])) live.simulated[begin + k] = x; });
         for (let j = 0; j < 4; j += 1) {
-          const { lines, reach } = plot.panels[j], errors = plot.panels[4 + (j >> 1)].lines;
-          const mine = lines[1 + piece % 2].y, other = errors[2 * (j % 2) + piece % 2].y, e = scaled[4 + (j >> 1)];
-          const far = 20 * (reach[1] - reach[0]) * scaled[j];
-          lines[3].y[begin] = states[j][begin] / scaled[j];
+          const { lines: [, simulated, dots], reach } = plot.panels[j], far = 20 * (reach[1] - reach[0]) * scaled[j];
+          dots.y[begin] = states[j][begin] / scaled[j];
           for (let k = 0; k <= steps; k += 1) {
             const off = found[k][j] - states[j][begin + k];
             squares[j] += k ? Math.min(off * off || (off === 0 ? 0 : 1e6), 1e6) : 0;
-            if (!(Math.abs(off) < far)) continue;
-            mine[begin + k] = found[k][j] / scaled[j];
-            other[begin + k] = off / e;
+            if (k > shown || !(Math.abs(off) < far)) continue;
+            simulated.y[begin + k] = found[k][j] / scaled[j];
+            errors[j].y[begin + k] = off / scaled[4 + (j >> 1)];
           }
         }
-        begin += steps;
       }
       live.fit = squares.map((sum, j) => 100 * (1 - Math.sqrt(sum / (last - live.start)) / scale[j]));
     };
@@ -347,33 +335,29 @@
   }
 
   // Draws the rig at a time: both poses, the tips' way of the last half second, and the torque.
-  function poser(plot, live) {
+  function poser(live) {
     const scene = document.getElementById('scene'), find = (name) => scene.querySelectorAll(name);
     const [l1, l2] = rig.lengths.map((length) => 100 * length / (rig.lengths[0] + rig.lengths[1]));
-    const lines = ['ghost', 'simulated'].map((name, n) => ({
-      name, of: [0, 1].map((k) => plot.panels[k].lines[n]), scale: [0, 1].map((k) => 10 ** plot.panels[k].power),
-    }));
     const torque = Math.max(...live.tau[0].map(Math.abs), 1e-9);
     const [arc] = find('path.torque'), [label] = find('text.torque');
     const joints = ([q1, q2]) => {
       const x = l1 * Math.cos(q1), y = -l1 * Math.sin(q1);
       return [x, y, x + l2 * Math.cos(q1 + q2), y - l2 * Math.sin(q1 + q2)].map((each) => each.toFixed(2));
     };
-    const pose = ({ of, scale }, t) => of.map((line, k) => {
-      const y = value(line, t);
-      return y === null ? null : y * scale[k];
-    });
+    const pose = (states, t) => {
+      const place = (t - live.t[0]) / live.step + 1e-6, k = Math.floor(place), next = states[k + 1] ?? states[k];
+      return states[k]?.slice(0, 2).map((q, j) => q + (place - k) * (next[j] - q));
+    };
     return (t) => {
-      const poses = lines.map((line) => {
-        const q = pose(line, t), [group] = find(`g.${line.name}`), [way] = find(`.trace.${line.name}`);
-        group.style.display = q.includes(null) ? 'none' : '';
-        const [x, y, ...tip] = joints(q);
+      const poses = [['ghost', live.measured], ['simulated', live.simulated]].map(([name, states]) => {
+        const q = pose(states, t), [group] = find(`g.${name}`), [way] = find(`.trace.${name}`);
+        group.style.display = q ? '' : 'none';
+        const [x, y, ...tip] = joints(q ?? [0, 0]);
         group.firstElementChild.setAttribute('points', `0,0 ${x},${y} ${tip}`);
         group.lastElementChild.setAttribute('cx', x);
         group.lastElementChild.setAttribute('cy', y);
-        const before = Array.from({ length: 26 }, (_, k) => pose(line, t - 0.02 * k));
-        const known = before.filter((each) => !each.includes(null));
-        way.setAttribute('points', known.map((each) => joints(each).slice(2)).join(' '));
+        const before = Array.from({ length: 26 }, (_, k) => pose(states, t - 0.02 * k)).filter(Boolean);
+        way.setAttribute('points', before.map((each) => joints(each).slice(2)).join(' '));
         return q;
       });
       const tau = live.tau[0][Math.min(Math.floor((t - live.t[0]) / live.step + 1e-6), live.tau[0].length - 1)];
@@ -386,7 +370,7 @@
     };
   }
 
-  function addPlayer(stage, plot, live, chart, refresh) {
+  function addPlayer(stage, live, chart, refresh) {
     const bar = element('div', stage, '', { className: 'player' });
     stage.querySelector('svg').after(bar);
     const play = button(bar, '▶ play', 'play or stop', () => (before === null ? run() : stop()));
@@ -408,7 +392,7 @@
       live.every = Math.max(1, Math.round(again.value / live.step));
       refresh();
     });
-    const first = live.t[0], last = live.t.at(-1), draw = poser(plot, live);
+    const first = live.t[0], last = live.t.at(-1), draw = poser(live);
     Object.assign(scrub, { type: 'range', min: first, max: last, step: 0.01, ariaLabel: 'time' });
     let before = null, now = first;
     animate = (at) => {
@@ -512,7 +496,7 @@
       });
       pose();
     };
-    pose = addPlayer(document.querySelector('.stage'), plots.simulation, live, box.charts[0], refresh);
+    pose = addPlayer(document.querySelector('.stage'), live, box.charts[0], refresh);
     addSliders(document.querySelector('.controls'), live, refresh);
     window.pendubot = { live, refresh, simulate };
   }

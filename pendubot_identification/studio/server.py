@@ -33,7 +33,10 @@ from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 
-HERE = Path(__file__).parent
+ROOMS = Path(__file__).parent.parent
+#: The files of the page, by their addresses; the report's pages have the same colours and controls.
+PAGE = {name: ROOMS / 'studio' / (name or 'studio.html') for name in ('', 'studio.css', 'studio.js')}
+PAGE |= {'base.css': ROOMS / 'report' / 'base.css'}
 #: As the command line has them by default.
 TOPIC, JOINTS = '/joint_states', 'shoulder,elbow'
 #: Largest size of all files of a session [bytes], most sessions at once, and the longest name of a file.
@@ -96,7 +99,7 @@ class Studio:
         """Return the application with all routes below the token."""
         app = web.Application(middlewares=[self._guard])
         at = f'/{self.token}'
-        page = [web.get(f'{at}/{name}', self._static) for name in ('', 'studio.css', 'studio.js')]
+        page = [web.get(f'{at}/{name}', self._static) for name in PAGE]
         session = f'{at}/sessions/{{session}}'
         app.add_routes(
             [
@@ -134,8 +137,7 @@ class Studio:
             return web.Response(status=507, text=f'the system refused: {error.strerror or error}; mend that and retry')
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
-        name = request.path.rpartition('/')[2] or 'studio.html'
-        return web.FileResponse(HERE / name, headers={**HEADERS, 'Content-Security-Policy': POLICY})
+        return web.FileResponse(PAGE[request.path.rpartition('/')[2]], headers={**HEADERS, 'Content-Security-Policy': POLICY})
 
     async def _open(self, _: web.Request) -> web.Response:
         """Open a session; answer with what the page needs to know."""

@@ -28,7 +28,7 @@ const select = (set, label, value, choices) => html`<select data-set="${set}" ar
 const heading = (title, lead) => html`<h2>${title}</h2><p class="lead">${lead}</p>`;
 const busy = (text) => html`<p class="busy">${text}</p>`;
 const note = (level, text, ...kids) =>
-  html`<div class="note ${level}" role="${level === 'ERROR' ? 'alert' : 'note'}"><p>${text}</p>${kids}</div>`;
+  html`<div class="level ${level}" role="${level === 'ERROR' ? 'alert' : 'note'}"><p>${text}</p>${kids}</div>`;
 const more = (summary, kids) =>
   html`<details data-open="${summary}" ${state.open[summary] && 'open'}><summary>${summary}</summary>${kids}</details>`;
 function actions(ready, text = 'Continue', act = `go:${state.step + 1}`, ...kids) {
@@ -55,7 +55,7 @@ function command(text) {
 function rig(q1, q2, box, ...kids) {  // q1 from the horizontal, q2 from the line of link 1
   const [x, y] = [28 * Math.cos(q1), -28 * Math.sin(q1)];
   const [u, v] = [x + 24 * Math.cos(q1 + q2), y - 24 * Math.sin(q1 + q2)];
-  return html`<svg class="rig" viewBox="${box}" aria-hidden="true"><path class="base" d="M-5 2 L-9 9 H9 L5 2"/>${kids}
+  return html`<svg class="rig" viewBox="${box}" aria-hidden="true"><path d="M-5 2 L-9 9 H9 L5 2"/>${kids}
     <path class="link" d="M0 0 L${x} ${y} L${u} ${v}"/><circle r="4"/><circle cx="${x}" cy="${y}" r="3.5"/>
     <circle class="tip" cx="${u}" cy="${v}" r="2.5"/></svg>`;
 }
@@ -337,9 +337,9 @@ async function fit() {
 }
 function progress() {
   const { progress: now, done, of, best, seconds, stages } = state.fitting;
-  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="quiet">
+  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="note">
     ${seconds ?? 0} s</span>
-    ${best != null && html`<span class="quiet">J = ${number(best, 5)}</span>`}</div>
+    ${best != null && html`<span class="note">J = ${number(best, 5)}</span>`}</div>
     <progress aria-label="progress of this stage" max="${of || 1}" ${of > 0 && html`value="${done}"`}></progress>
     <ul class="stages">${stages.slice(-6).map((stage) => html`<li>${stage}</li>`)}</ul>`;
 }
@@ -384,7 +384,7 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
   const side = Math.sign(effort), torque = side !== 0 &&
     html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
     ${-13 * side} -9 m0 -6 v6 l${5.6 * side} -2.1"/>`;
-  const gravity = html`<path class="thin" d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
+  const gravity = html`<path d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
   const rows = parameters.map(({ name, value, half, unit: measure }) =>
     html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
     <td>${half == null ? '–' : `± ${number(half, 2)}`}</td>
@@ -403,7 +403,7 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
     <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th></th><th scope="col">value</th>
       <th scope="col">95 % interval</th>
       <th scope="col" class="text">unit</th><th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
-      : html`<p class="quiet">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
+      : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
 }
 async function watch() {
   const traces = [[], [], []], show = (content) => { $('#live').innerHTML = content.text; };

@@ -94,7 +94,9 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
             # The recorder subscribes to what is published.
             observer.create_publisher(JointState, '/pendubot/joint_commands', 1)
             observer.create_publisher(Float64, EFFORT, 1)
-            start('player', 'identifier', 'recorder', 'balancer', 'tracker', 'virtual_board')
+            start('player', 'identifier', 'recorder', 'balancer', 'tracker', 'virtual_board', 'watcher')
+            # The studio starts the watcher, so it names its enclave itself.
+            assert ('watcher', '/', '/pendubot/watcher') in observer.get_node_names_and_namespaces_with_enclaves()
     finally:
         observer.destroy_node()
     # Who commands torques is what it is all about.

@@ -17,7 +17,7 @@ from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
 from test.processes import Program
-from test.report.test_browser import BRIGHTNESS, CHROMIUM
+from test.report.test_browser import BRIGHTNESS, CHROMIUM, serious
 from test.studio.client import Studio, csv
 
 try:
@@ -129,6 +129,13 @@ def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(op
     }
 
 
+def accessible(page):
+    """Neither in light nor in dark, axe-core has serious findings."""
+    for scheme in ('light', 'dark'):
+        page.emulate_media(color_scheme=scheme)
+        assert serious(page) == [], scheme
+
+
 def sample(page):
     click(page, 'Try the sample recording')
     for step in ('How is it written?', 'Is it good enough?', 'How is it fitted?'):
@@ -154,6 +161,7 @@ def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
     click(page, 'Start')
     expect(page.locator('#fitting strong')).to_contain_text('energy')
     assert worker in slow.workers()
+    accessible(page)
     click(page, 'Stop')
     expect(page.get_by_text('Stopped. Nothing was kept.')).to_be_visible()
     while worker in slow.workers():
@@ -177,6 +185,36 @@ def test_every_step_fits_a_telephone(opened):
         expect(page.get_by_role('heading', name=step)).to_be_visible()
         expect(page.locator('.busy')).to_have_count(0)
     fits()
+
+
+def test_axe_finds_nothing_serious_in_any_step(opened):
+    page = opened(reduced_motion='reduce')
+
+    def look(heading):
+        expect(page.get_by_role('heading', name=heading)).to_be_visible()
+        expect(page.locator('.busy')).to_have_count(0)
+        for summary in page.locator('details:not([open]) > summary').all():
+            summary.click()
+        accessible(page)
+
+    look('What was recorded?')
+    page.evaluate(DROP, {'name': 'text.csv', 'text': 't,a\n0,1\n'})
+    expect(page.get_by_text('text.csv')).to_be_visible()
+    click(page, 'Try the sample recording')
+    look('What was recorded?')
+    click(page, 'Continue')
+    expect(page.get_by_role('alert')).to_be_visible()
+    look('How is it written?')
+    click(page, 'Back')
+    page.get_by_role('button', name='Remove').first.click()
+    for heading in ('How is it written?', 'Is it good enough?', 'How is it fitted?', 'Ready'):
+        click(page, 'Continue')
+        look(heading)
+        if heading == 'How is it fitted?':
+            page.get_by_text('Weak form').click()
+    click(page, 'Start')
+    expect(page.frame_locator('iframe').locator('h1')).to_be_visible()
+    look('The parameters of the rig')
 
 
 @pytest.mark.parametrize('scheme', ['light', 'dark'])
@@ -209,4 +247,5 @@ def test_the_running_rig_moves_in_the_page(opened):
         link = page.locator('#live .link')
         before = link.get_attribute('d')
         expect(link).not_to_have_attribute('d', before)
+        accessible(page)
         assert page.locator('#live button').count() == 0, 'nothing can be commanded'
