@@ -2,7 +2,6 @@
 /* The page of the studio: `state` has all that is known, each step is drawn from it as HTML, and the elements name in
    data-do and data-set what a click or a choice does. */
 'use strict';
-const STEPS = ['Recordings', 'Columns', 'Checks', 'Method', 'Fit', 'Result'];
 const state = { step: 0, files: [], options: {}, topic: '/joint_states', joints: ['shoulder', 'elbow'], shown: 0,
   open: {} };
 let about, running = null, pressed = false;
@@ -93,11 +92,9 @@ async function follow(url, how, onEvent) {
   } catch (error) { throw error.name === 'AbortError' || error.sentence ? error : SILENT; }
 }
 function job(files = state.files) {
-  const part = (role) => files.filter((file) => file.role === role).map(({ name, start, end }) =>
-    ({ name, start, end }));
-  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options: state.options,
-    topic: state.topic,
-    joints: state.joints.join(',') });
+  const part = (wanted) => files.filter(({ role }) => role === wanted).map(({ role, ...window }) => window);
+  const { options, topic } = state, joints = state.joints.join(',');
+  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options, topic, joints });
 }
 function cancel() { running?.abort(); running = null; }
 async function task(name, files, onProgress) {
@@ -136,17 +133,15 @@ function choose(name, value) {
   changed(about.settings[name].reading ? 'reading' : 'fit');
 }
 function field(name) {
-  const { kind, choices, help, optional } = about.settings[name], value = given(name),
-    label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
-  const type = kind === 'int' || kind === 'float' ? 'number' : 'text', shown = optional && value === usual(name) ? ''
-    : value;
-  if (kind === 'bool') return html`<label class="field"><span class="row">
-    <input type="checkbox" data-set="option:${name}"
-    ${value === 'true' && 'checked'}>${label}</span><small>${help}</small></label>`;
-  return html`<label class="field"><span>${label}</span>
-    ${choices.length ? select(`option:${name}`, label, value, choices.map((each) => [each, each]))
-    : html`<input type="${type}" step="any" aria-label="${label}" data-set="option:${name}" value="${shown}">`}<small>
-      ${help}</small></label>`;
+  const { kind, choices, help, optional } = about.settings[name], value = given(name), set = `option:${name}`;
+  const label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
+  const type = kind === 'int' || kind === 'float' ? 'number' : 'text';
+  const control = choices.length ? select(set, label, value, choices.map((each) => [each, each]))
+    : html`<input type="${type}" step="any" aria-label="${label}" data-set="${set}"
+      value="${optional && value === usual(name) ? '' : value}">`;
+  return html`<label class="field">${kind === 'bool' ? html`<span class="row">
+    <input type="checkbox" data-set="${set}" ${value === 'true' && 'checked'}>${label}</span>`
+    : html`<span>${label}</span>${control}`}<small>${help}</small></label>`;
 }
 const choices = (name, legend, list) => html`<fieldset class="choices"><legend>${legend}</legend>
   ${list.map(([value, text, help, picture]) =>
@@ -155,8 +150,9 @@ const choices = (name, legend, list) => html`<fieldset class="choices"><legend>$
       ${help}</small></span></label>`)}</fieldset>`;
 
 /* ---- 1: recordings ---- */
-function add(name) { if (!state.files.some((file) => file.name === name)) state.files.push({ name, role: 'estimate',
-  start: '', end: '' }); }
+function add(name) {
+  if (state.files.every((file) => file.name !== name)) state.files.push({ name, role: 'estimate', start: '', end: '' });
+}
 async function receive(entries) {
   state.problem = null;
   for (const { file, name } of entries) {
@@ -167,22 +163,17 @@ async function receive(entries) {
   }
   changed();
 }
+/* All files of what was dropped, with those of its folders. */
+async function unfold(entry) {
+  if (entry instanceof File) return [{ file: entry, name: entry.name }];
+  if (entry.isFile) return [{ file: await new Promise((...then) => entry.file(...then)), name: entry.fullPath.slice(1) }];
+  const reader = entry.createReader(), list = () => new Promise((...then) => reader.readEntries(...then)), all = [];
+  for (let some; (some = await list()).length;) all.push(...some);
+  return (await Promise.all(all.map(unfold))).flat();
+}
 async function dropped(items) {
-  const found = [], walk = async (entry, folder) => {
-    if (entry.isFile) found.push({ file: await new Promise((take, refuse) => entry.file(take, refuse)),
-      name: folder + entry.name });
-    else {
-      const reader = entry.createReader(), list = () => new Promise((take, refuse) => reader.readEntries(take, refuse));
-      for (let some; (some = await list()).length;) for (const each of some) await walk(each,
-        `${folder}${entry.name}/`);
-    }
-  };
-  // The items are gone after the first wait.
-  const taken = [...items].filter((item) => item.kind === 'file').map((item) =>
-    [item.webkitGetAsEntry(), item.getAsFile()]);
-  for (const [entry, file] of taken) if (entry) await walk(entry, '');
-    else if (file) found.push({ file, name: file.name });
-  await receive(found);
+  const entries = [...items].map((item) => item.webkitGetAsEntry() ?? item.getAsFile()).filter(Boolean);
+  await receive((await Promise.all(entries.map(unfold))).flat());
 }
 function recordings() {
   const window = (file, k, key) => html`<input type="number" min="0" step="any" value="${file[key]}"
@@ -203,7 +194,7 @@ function recordings() {
         ${button('sample', 'Try the sample recording', 'plain')}</div></div>
     <ul class="files">${list}</ul>
     ${list.length > 0 && html`<p><small>Without a window, the first half of one recording estimates and the second
-      validates; several all estimate.</small></p>`}${actions(state.files.some((file) => file.role === 'estimate'))}`;
+      validates; several all estimate.</small></p>`}${actions(estimating())}`;
 }
 
 /* ---- 2: columns ---- */
@@ -305,9 +296,9 @@ const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the larges
     ['geared', 'Geared', 'and friction of gears']];
 /* The command line of the present choices, which the server composes. */
 async function compose() {
-  const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => null);
-  const text = answer?.ok ? await answer.text() : '';
-  if (text && text !== state.command) { state.command = text; draw(); }
+  const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => ({ ok: false }));
+  const text = answer.ok ? await answer.text() : state.command;
+  if (text !== state.command) { state.command = text; draw(); }
 }
 function method() {
   compose();
@@ -416,22 +407,24 @@ async function watch() {
 }
 
 /* ---- the frame ---- */
-const DRAW = [recordings, columns, checks, method, fitting, result];
-const ready = (k) => [true, state.files.some((file) => file.role === 'estimate'), state.checks ||
-  (state.described && !state.described.problem),
-  passed(), passed(), state.result][k];
+const estimating = () => state.files.some((file) => file.role === 'estimate');
+/* Each step: its name, what draws it, and whether it can be gone to. */
+const STEPS = [['Recordings', recordings, () => true], ['Columns', columns, estimating],
+  ['Checks', checks, () => state.checks || (state.described && !state.described.problem)],
+  ['Method', method, passed], ['Fit', fitting, passed], ['Result', result, () => state.result]];
 function go(k) { if (!state.fitting) cancel(); state.step = k; draw(); scrollTo(0, 0);
   $('#step').focus({ preventScroll: true }); }
 function draw() {
   if (pressed) { pressed = 'later'; return; }  // what is pressed must still be there when it is released
   const { set, do: act } = document.activeElement?.dataset ?? {};
   state.offers = [];
-  $('#rail').innerHTML = STEPS.map((name, k) => html`<li class="${k < state.step && ready(k + 1) && 'done'}">
-    <button type="button" data-do="go:${k}"
-    aria-label="step ${k + 1}: ${name}" ${k === state.step && html`aria-current="step"`} ${!ready(k) && 'disabled'}><b>
-      ${k < state.step && ready(k + 1) ? '✓' : k + 1}</b>
-    <span>${name}</span></button></li>`.text).join('');
-  $('#step').innerHTML = DRAW[state.step]().text;
+  $('#rail').innerHTML = STEPS.map(([name,, ready], k) => {
+    const done = k < state.step && STEPS[k + 1][2]();
+    return html`<li class="${done && 'done'}"><button type="button" data-do="go:${k}" ${!ready() && 'disabled'}
+      aria-label="step ${k + 1}: ${name}" ${k === state.step && html`aria-current="step"`}><b>${done ? '✓' : k + 1}</b>
+      <span>${name}</span></button></li>`.text;
+  }).join('');
+  $('#step').innerHTML = STEPS[state.step][1]().text;
   if (set || act) document.querySelector(set ? `[data-set="${set}"]`
     : `[data-do="${act}"]`)?.focus({ preventScroll: true });
 }
