@@ -166,8 +166,9 @@ async function receive(entries) {
 /* All files of what was dropped, with those of its folders. */
 async function unfold(entry) {
   if (entry instanceof File) return [{ file: entry, name: entry.name }];
-  if (entry.isFile) return [{ file: await new Promise((...then) => entry.file(...then)), name: entry.fullPath.slice(1) }];
-  const reader = entry.createReader(), list = () => new Promise((...then) => reader.readEntries(...then)), all = [];
+  const name = entry.fullPath.slice(1), all = [];
+  if (entry.isFile) return [{ file: await new Promise((...then) => entry.file(...then)), name }];
+  const reader = entry.createReader(), list = () => new Promise((...then) => reader.readEntries(...then));
   for (let some; (some = await list()).length;) all.push(...some);
   return (await Promise.all(all.map(unfold))).flat();
 }
@@ -177,8 +178,7 @@ async function dropped(items) {
 }
 function recordings() {
   const window = (file, k, key) => html`<input type="number" min="0" step="any" value="${file[key]}"
-    placeholder="${key}"
-    aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
+    placeholder="${key}" aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
   const list = state.files.map((file, k) => html`<li><strong>${file.name}</strong>
     ${select(`role:${k}`, `role of ${file.name}`, file.role,
       [['estimate', 'estimates'], ['validate', 'only validates']])}
@@ -220,8 +220,7 @@ function row(found, name) {
   const sign = /^(q|tau)/.test(name) && select(`sign:${name}`, `sign of ${name}`, negated().includes(name),
     [['false', '+'], ['true', '− reversed']]);
   return html`<tr><th scope="row">${ROWS[name]}<small>${name}</small></th>${columns}<td>${unit(name)}</td>
-    <td>${sign}</td>
-    <td>${name !== 't' && spark(found.preview?.[name])}</td></tr>`;
+    <td>${sign}</td><td>${name !== 't' && spark(found.preview?.[name])}</td></tr>`;
 }
 function bag(found) {
   const joints = found.joints.map((name) => [name, name]);
@@ -293,7 +292,7 @@ const CRITERIA = [['likelihood', 'Likelihood', 'the best parameters; seconds to 
 const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the largest'],
   ['viscous', 'Viscous', 'the paper’s seven parameters'],
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
-    ['geared', 'Geared', 'and friction of gears']];
+  ['geared', 'Geared', 'and friction of gears']];
 /* The command line of the present choices, which the server composes. */
 async function compose() {
   const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => ({ ok: false }));
@@ -328,8 +327,7 @@ async function fit() {
 }
 function progress() {
   const { progress: now, done, of, best, seconds, stages } = state.fitting;
-  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="note">
-    ${seconds ?? 0} s</span>
+  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="note">${seconds ?? 0} s</span>
     ${best != null && html`<span class="note">J = ${number(best, 5)}</span>`}</div>
     <progress aria-label="progress of this stage" max="${of || 1}" ${of > 0 && html`value="${done}"`}></progress>
     <ul class="stages">${stages.slice(-6).map((stage) => html`<li>${stage}</li>`)}</ul>`;
@@ -345,8 +343,8 @@ function fitting() {
 
 /* ---- 6: result ---- */
 const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendubot.xml': 'MuJoCo',
-  'pendubot.urdf': 'RViz, Gazebo, Drake',
-  'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C', 'pendubot.py': 'Python' };
+  'pendubot.urdf': 'RViz, Gazebo, Drake', 'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C',
+  'pendubot.py': 'Python' };
 const SAID = { WARN: 'Use them with care: the page says why.', ERROR: 'Do not use them: the page says why.' };
 function result() {
   const { level, files, missing } = state.result, page = at('output/report.html');
@@ -378,8 +376,7 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
   const gravity = html`<path d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
   const rows = parameters.map(({ name, value, half, unit: measure }) =>
     html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
-    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td>
-    <td class="text">${(measure ?? '').replace('^2', '²')}</td>
+    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td><td class="text">${(measure ?? '').replace('^2', '²')}</td>
     <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}"
       aria-label="± of ${name}"></meter>`}</td></tr>`);
   return html`${heading('The running rig', q ? 'As it is published now. This page only listens.'
@@ -388,12 +385,12 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
     <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
       ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
         ${figure('q2', number(q[1], 3), 'rad')}
-        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>${trace(0, 1)}
-          ${trace(2)}
+        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>
+        ${trace(0, 1)}${trace(2)}
         ${['q1', 'q2', 'effort'].map((name, k) => html`<span class="key trace${k}">${name}</span>`)}</div>`}</div>
-    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th></th><th scope="col">value</th>
-      <th scope="col">95 % interval</th>
-      <th scope="col" class="text">unit</th><th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
+    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
+      <th scope="col">value</th><th scope="col">95 % interval</th><th scope="col" class="text">unit</th>
+      <th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
       : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
 }
 async function watch() {
@@ -446,17 +443,15 @@ function apply({ remedy, whole, ...window }) {
 const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: () => location.reload(),
   pick: (id) => $(`#${id}`).click(),
   sample: () => { add('paper_experiment'); changed(); },
-    remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
+  remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
   show: (k) => { state.shown = Number(k); state.described = null; cancel(); draw(); },
-    all: () => { state.all = true; draw(); },
-  apply: (k) => apply(state.offers[k]), copy: (_, pressedOne) =>
-    navigator.clipboard.writeText(pressedOne.previousElementSibling.innerText)
-    .then(() => { pressedOne.textContent = 'Copied'; }) };
+  all: () => { state.all = true; draw(); }, apply: (k) => apply(state.offers[k]),
+  copy: (_, own) => navigator.clipboard.writeText(own.previousElementSibling.innerText)
+    .then(() => { own.textContent = 'Copied'; }) };
+const edit = (key, what) => (k, value) => { state.files[k][key] = value; changed(what); };
 const SETS = { option: choose, topic: (_, value) => { state.topic = value; changed(); },
   joint: (k, value) => { state.joints[k] = value; changed(); },
-  role: (k, value) => { state.files[k].role = value; changed('roles'); },
-    start: (k, value) => { state.files[k].start = value; changed(); },
-  end: (k, value) => { state.files[k].end = value; changed(); },
+  role: edit('role', 'roles'), start: edit('start'), end: edit('end'),
   column: (name, value) => choose('columns', Object.entries({ ...named(), [name]: value }).filter(([, each]) =>
     each).map((pair) => pair.join('=')).join(',')),
   sign: (name, value) => choose('negate', Object.keys(ROWS).filter((each) =>
@@ -472,8 +467,9 @@ function listen() {
     else if (target.files) receive([...target.files].map((file) =>
       ({ file, name: file.webkitRelativePath || file.name })));
   });
-  addEventListener('toggle', ({ target }) => { if (target.dataset?.open) state.open[target.dataset.open] = target.open;
-    }, true);
+  addEventListener('toggle', ({ target }) => {
+    if (target.dataset?.open) state.open[target.dataset.open] = target.open;
+  }, true);
   addEventListener('pointerdown', () => { pressed = true; }, true);
   for (const name of ['pointerup', 'pointercancel']) addEventListener(name, () => setTimeout(() => {
     const later = pressed === 'later';
