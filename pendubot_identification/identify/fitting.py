@@ -135,7 +135,7 @@ class TrainingData:
         return self if share == 1 else replace(self, motions=tuple(m.middle(share) for m in self.motions))
 
     def held(self, hold: str) -> TrainingData:
-        """Return the same with torques that are held (``zero``), or linear between their samples (``linear``)."""
+        """Return the same under another hold: ``zero``, or ``linear`` between the torques' samples."""
         motions = tuple(Motion.prepare(m.recorded, self.smoothing, hold) for m in self.motions)
         return replace(self, motions=motions, hold=hold)
 
