@@ -372,7 +372,8 @@
 
   function addPlayer(stage, live, chart, refresh) {
     const find = (tag) => stage.querySelectorAll(`.player ${tag}`);
-    const [play, from] = find('button'), [speed, again] = find('select'), [scrub] = find('input'), [clock] = find('output');
+    const [play, from] = find('button'), [speed, again] = find('select');
+    const [scrub] = find('input'), [clock] = find('output');
     play.addEventListener('click', () => (before === null ? run() : stop()));
     from.addEventListener('click', () => {
       live.start = Math.min(Math.round((now - live.t[0]) / live.step), live.t.length - 2);

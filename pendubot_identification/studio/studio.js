@@ -327,8 +327,8 @@ async function fit() {
 }
 function progress() {
   const { progress: now, done, of, best, seconds, stages } = state.fitting;
-  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="note">${seconds ?? 0} s</span>
-    ${best != null && html`<span class="note">J = ${number(best, 5)}</span>`}</div>
+  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong>
+    <span class="note">${seconds ?? 0} s</span>${best != null && html`<span class="note">J = ${number(best, 5)}</span>`}</div>
     <progress aria-label="progress of this stage" max="${of || 1}" ${of > 0 && html`value="${done}"`}></progress>
     <ul class="stages">${stages.slice(-6).map((stage) => html`<li>${stage}</li>`)}</ul>`;
 }
