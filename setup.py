@@ -34,7 +34,7 @@ setup(
     version='1.0.0',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={
-        NAME: ['py.typed', '__init__.pyi', 'report/*.css', 'report/*.js', 'report/*.jinja', 'report/uplot/*', 'studio/*.*'],
+        NAME: ['py.typed', '__init__.pyi', 'report/*.*', 'report/uplot/*', 'studio/*.*'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),

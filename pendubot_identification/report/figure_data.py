@@ -62,12 +62,6 @@ class Simulation:
         """Duration of each simulation [s]."""
         return STEP * (len(self.simulated) - 1)
 
-    @property
-    def simulated_t(self) -> Array:
-        """Times [s] of the simulations, shape (L + 1, K)."""
-        size, _, count = self.simulated.shape
-        return np.asarray(self.t[np.arange(size)[:, None] + (size - 1) * np.arange(count)])
-
 
 @dataclass(frozen=True, slots=True)
 class Residuals:

@@ -371,29 +371,22 @@
   }
 
   function addPlayer(stage, live, chart, refresh) {
-    const bar = element('div', stage, '', { className: 'player' });
-    stage.querySelector('svg').after(bar);
-    const play = button(bar, '▶ play', 'play or stop', () => (before === null ? run() : stop()));
-    const scrub = element('input', bar), clock = element('output', bar), speed = element('select', bar);
-    for (const part of [1, 0.5, 0.2]) element('option', speed, `× ${part}`, { value: part });
-    const from = button(bar, 'start here', 'simulate from the time that is shown on', () => {
+    const find = (tag) => stage.querySelectorAll(`.player ${tag}`);
+    const [play, from] = find('button'), [speed, again] = find('select');
+    const [scrub] = find('input'), [clock] = find('output');
+    play.addEventListener('click', () => (before === null ? run() : stop()));
+    from.addEventListener('click', () => {
       live.start = Math.min(Math.round((now - live.t[0]) / live.step), live.t.length - 2);
       now = live.t[live.start];
       refresh();
     });
-    from.className = 'from';
-    const again = element('select', bar);
-    for (const [words, value] of [['for 0.5 s', 0.5], ['for 1 s', 1], ['for 2 s', 2], ['to the end', 1e9]]) {
-      element('option', again, words, { value, selected: Math.abs(value - live.every * live.step) < 1e-6 });
-    }
-    speed.ariaLabel = 'speed';
-    again.ariaLabel = 'how long each simulation is';
+    again.value = live.every * live.step;
     again.addEventListener('change', () => {
       live.every = Math.max(1, Math.round(again.value / live.step));
       refresh();
     });
     const first = live.t[0], last = live.t.at(-1), draw = poser(live);
-    Object.assign(scrub, { type: 'range', min: first, max: last, step: 0.01, ariaLabel: 'time' });
+    Object.assign(scrub, { min: first, max: last });
     let before = null, now = first;
     animate = (at) => {
       now = Math.min(Math.max(at, first), last);
@@ -428,12 +421,9 @@
   // A slider for each parameter, within its interval or beyond; what is simulated is simulated again at once.
   function addSliders(box, live, refresh) {
     const { names, vectors, intervals } = rig, identified = vectors.identified;
-    const view = svg(box, 'svg', { viewBox: '-124 -108 248 216', class: 'rig', 'aria-hidden': true });
-    svg(view, 'use', { href: '#scene' });
-    const rows = Object.entries(intervals).map(([name, [low, high]]) => {
-      const k = names.indexOf(name), label = element('label', box, '', { className: 'slider' });
-      element('b', label, name);
-      const slider = element('input', label, '', { type: 'range', step: 'any' }), output = element('output', label);
+    const rows = [...box.querySelectorAll('.slider')].map((label) => {
+      const slider = label.querySelector('input'), output = label.querySelector('output'), { name } = label.dataset;
+      const k = names.indexOf(name), [low, high] = intervals[name];
       const bound = (wide) => {
         const reach = wide ? Math.max(5 * (high - low), Math.abs(identified[k])) : 0;
         const [min, max] = wide ? [identified[k] - reach, identified[k] + reach] : [low, high];
@@ -447,16 +437,15 @@
       const limit = () => { live.p[k] = Math.min(Math.max(live.p[k], low), high); };
       return { bound, show, limit };
     });
-    const tools = element('div', box, '', { className: 'tools' });
-    for (const [name, vector] of Object.entries(vectors)) {
-      button(tools, name === 'identified' ? 'reset' : name, `simulate the ${name} parameters`, () => {
-        if (name !== 'identified') { wide.checked = true; rows.forEach(({ bound }) => bound(true)); }
-        live.p = [...vector];
+    const wide = box.querySelector('[type=checkbox]'), said = box.querySelector('[role=status]');
+    for (const each of box.querySelectorAll('[data-vector]')) {
+      each.addEventListener('click', () => {
+        const { vector } = each.dataset;
+        if (vector !== 'identified') { wide.checked = true; rows.forEach(({ bound }) => bound(true)); }
+        live.p = [...vectors[vector]];
         now();
       });
     }
-    const choice = element('label', tools), wide = element('input', choice, '', { type: 'checkbox' });
-    choice.append(' beyond the intervals');
     wide.addEventListener('change', () => {
       rows.forEach(({ bound, limit }) => {
         if (!wide.checked) limit();
@@ -464,7 +453,6 @@
       });
       now();
     });
-    const said = element('p', box, '', { className: 'note', role: 'status' });
     const words = 'Each slider moves one parameter within its 95 % interval. Correlated parameters only fit together.';
     let waiting = false;
     const now = () => {

@@ -175,11 +175,15 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
 
 def prediction_table(result: Result) -> Table:
     """Return a row a horizon and a column a criterion: the error at the end of a simulation."""
-    errors = [answer.prediction.error for answer in result.criteria.values()]
-    columns = zip(result.prediction.horizons, *errors, result.prediction.persistence, strict=True)
-    rows = [[f'error after {horizon:g} s', *(number(e, '.3f') for e in others)] for horizon, *others in columns]
+    errors = (answer.prediction.error for answer in result.criteria.values())
+    rows = _error_rows(result.prediction.horizons, *errors, result.prediction.persistence)
     note = f'errors of simulated states in their standard deviations, {result.prediction.method}'
     return Table(['', *_heads(result), 'persistence'], rows, [note])
+
+
+def _error_rows(horizons: Sequence[float], *errors: Sequence[float | None]) -> list[list[str]]:
+    columns = zip(horizons, *errors, strict=True)
+    return [[f'error after {horizon:g} s', *(number(e, '.3f') for e in each)] for horizon, *each in columns]
 
 
 def fit_table(result: Result) -> Table:
@@ -203,8 +207,7 @@ def before_table(compared: Mapping[str, Predicted]) -> Table:
     horizon = fits(next(iter(compared.values())))[0]
     found = [fits(predicted, horizon)[1] for predicted in compared.values()]
     rows = [[f'{words}, fit in %', *(number(each[words], '.1f') for each in found)] for words in STATES.values()]
-    errors = zip(next(iter(compared.values())).horizons, *(each.error for each in compared.values()), strict=True)
-    rows += [[f'error after {at:g} s', *(number(error, '.3f') for error in each)] for at, *each in errors]
+    rows += _error_rows(next(iter(compared.values())).horizons, *(each.error for each in compared.values()))
     return Table(['', *compared], rows, [f'fits after {horizon:g} s; errors in standard deviations of the states'])
 
 
@@ -394,8 +397,7 @@ def comparison(compared: Mapping[str, Any]) -> str:
     note = '±: standard errors; t: difference from A in standard errors of both; p: how likely chance makes it as large'
     tables = [Table(['', *letters, *(f't (p) of {letter} - A' for letter in letters[1:])], rows, [note])]
     if 'on' in compared:
-        columns = zip(compared['horizons'], *compared['error'], compared['persistence'], strict=True)
-        rows = [[f'error after {horizon:g} s', *(number(e, '.3f') for e in errors)] for horizon, *errors in columns]
+        rows = _error_rows(compared['horizons'], *compared['error'], compared['persistence'])
         note = f'errors of simulated states in their standard deviations, on {compared["on"]}'
         tables.append(Table(['', *letters, 'persistence'], rows, [note]))
     return '\n\n'.join(['\n'.join(legend), *(table.text() for table in tables), *map(wrapped, compared['notes'])])

@@ -137,7 +137,8 @@ class Studio:
             return web.Response(status=507, text=f'the system refused: {error.strerror or error}; mend that and retry')
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
-        return web.FileResponse(PAGE[request.path.rpartition('/')[2]], headers={**HEADERS, 'Content-Security-Policy': POLICY})
+        file = PAGE[request.path.rpartition('/')[2]]
+        return web.FileResponse(file, headers={**HEADERS, 'Content-Security-Policy': POLICY})
 
     async def _open(self, _: web.Request) -> web.Response:
         """Open a session; answer with what the page needs to know."""
@@ -195,13 +196,10 @@ class Studio:
         spare = self._spare or self.prepare()
         self.prepare()
         process = await spare
-        try:
-            assert process.stdin is not None
-            process.stdin.write(json.dumps(job).encode())
-            process.stdin.close()
-            return await _relay(request, process)
-        finally:
-            await _ended(process)
+        assert process.stdin is not None
+        process.stdin.write(json.dumps(job).encode())
+        process.stdin.close()
+        return await _relay(request, process)
 
     def prepare(self) -> asyncio.Task[asyncio.subprocess.Process]:
         """Start the next worker before it is needed, because its imports take a second."""
@@ -210,15 +208,7 @@ class Studio:
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         """Relay what the watcher sees, until the page closes."""
-        process = await self._started('pendubot_identification.nodes.watcher')
-        try:
-            return await _relay(request, process)
-        finally:
-            with suppress(ProcessLookupError):
-                process.terminate()  # lets it leave the ROS network
-            with suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(process.wait(), 2.0)
-            await _ended(process)
+        return await _relay(request, await self._started('pendubot_identification.nodes.watcher'))
 
     async def _started(self, module: str) -> asyncio.subprocess.Process:
         quiet = None if self._debug else asyncio.subprocess.DEVNULL
@@ -237,25 +227,31 @@ class Studio:
 
 
 async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> web.StreamResponse:
-    """Send each line of a program as it comes; if it ends without its last one, say so."""
+    """Send each line of a program as it comes, and end it with the request; if its last one is missing, say so."""
     response = web.StreamResponse(headers={**HEADERS, 'Content-Type': 'application/x-ndjson'})
-    await response.prepare(request)
     line = b''
     assert process.stdout is not None
-    async for line in process.stdout:
-        await response.write(line)
-    status = await process.wait()
+    try:
+        await response.prepare(request)
+        async for line in process.stdout:
+            await response.write(line)
+        status = await process.wait()
+    finally:
+        await _ended(process)
     if not line.startswith((b'{"done"', b'{"problem"')):
         why = f'signal {-status}, as for lack of memory' if status < 0 else f'status {status}'
         said = f'the program of this task ended with {why}; give a shorter recording, or see pendubot studio --debug'
-        await response.write(json.dumps({'problem': {'sentence': said, 'remedy': {}, 'window': ''}}).encode() + b'\n')
+        await response.write(json.dumps({'problem': {'sentence': said}}).encode() + b'\n')
     return response
 
 
 async def _ended(process: asyncio.subprocess.Process) -> None:
-    if process.returncode is None:
-        with suppress(ProcessLookupError):
-            process.kill()
+    """End a program; it has two seconds to leave the ROS network."""
+    with suppress(ProcessLookupError):
+        process.terminate()
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(process.wait(), 2.0)
+        process.kill()
     await asyncio.shield(process.wait())
 
 

@@ -2,7 +2,6 @@
 /* The page of the studio: `state` has all that is known, each step is drawn from it as HTML, and the elements name in
    data-do and data-set what a click or a choice does. */
 'use strict';
-const STEPS = ['Recordings', 'Columns', 'Checks', 'Method', 'Fit', 'Result'];
 const state = { step: 0, files: [], options: {}, topic: '/joint_states', joints: ['shoulder', 'elbow'], shown: 0,
   open: {} };
 let about, running = null, pressed = false;
@@ -93,11 +92,9 @@ async function follow(url, how, onEvent) {
   } catch (error) { throw error.name === 'AbortError' || error.sentence ? error : SILENT; }
 }
 function job(files = state.files) {
-  const part = (role) => files.filter((file) => file.role === role).map(({ name, start, end }) =>
-    ({ name, start, end }));
-  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options: state.options,
-    topic: state.topic,
-    joints: state.joints.join(',') });
+  const part = (wanted) => files.filter(({ role }) => role === wanted).map(({ role, ...window }) => window);
+  const { options, topic } = state, joints = state.joints.join(',');
+  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options, topic, joints });
 }
 function cancel() { running?.abort(); running = null; }
 async function task(name, files, onProgress) {
@@ -136,17 +133,15 @@ function choose(name, value) {
   changed(about.settings[name].reading ? 'reading' : 'fit');
 }
 function field(name) {
-  const { kind, choices, help, optional } = about.settings[name], value = given(name),
-    label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
-  const type = kind === 'int' || kind === 'float' ? 'number' : 'text', shown = optional && value === usual(name) ? ''
-    : value;
-  if (kind === 'bool') return html`<label class="field"><span class="row">
-    <input type="checkbox" data-set="option:${name}"
-    ${value === 'true' && 'checked'}>${label}</span><small>${help}</small></label>`;
-  return html`<label class="field"><span>${label}</span>
-    ${choices.length ? select(`option:${name}`, label, value, choices.map((each) => [each, each]))
-    : html`<input type="${type}" step="any" aria-label="${label}" data-set="option:${name}" value="${shown}">`}<small>
-      ${help}</small></label>`;
+  const { kind, choices, help, optional } = about.settings[name], value = given(name), set = `option:${name}`;
+  const label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
+  const type = kind === 'int' || kind === 'float' ? 'number' : 'text';
+  const control = choices.length ? select(set, label, value, choices.map((each) => [each, each]))
+    : html`<input type="${type}" step="any" aria-label="${label}" data-set="${set}"
+      value="${optional && value === usual(name) ? '' : value}">`;
+  return html`<label class="field">${kind === 'bool' ? html`<span class="row">
+    <input type="checkbox" data-set="${set}" ${value === 'true' && 'checked'}>${label}</span>`
+    : html`<span>${label}</span>${control}`}<small>${help}</small></label>`;
 }
 const choices = (name, legend, list) => html`<fieldset class="choices"><legend>${legend}</legend>
   ${list.map(([value, text, help, picture]) =>
@@ -155,8 +150,9 @@ const choices = (name, legend, list) => html`<fieldset class="choices"><legend>$
       ${help}</small></span></label>`)}</fieldset>`;
 
 /* ---- 1: recordings ---- */
-function add(name) { if (!state.files.some((file) => file.name === name)) state.files.push({ name, role: 'estimate',
-  start: '', end: '' }); }
+function add(name) {
+  if (state.files.every((file) => file.name !== name)) state.files.push({ name, role: 'estimate', start: '', end: '' });
+}
 async function receive(entries) {
   state.problem = null;
   for (const { file, name } of entries) {
@@ -167,27 +163,22 @@ async function receive(entries) {
   }
   changed();
 }
+/* All files of what was dropped, with those of its folders. */
+async function unfold(entry) {
+  if (entry instanceof File) return [{ file: entry, name: entry.name }];
+  const name = entry.fullPath.slice(1), all = [];
+  if (entry.isFile) return [{ file: await new Promise((...then) => entry.file(...then)), name }];
+  const reader = entry.createReader(), list = () => new Promise((...then) => reader.readEntries(...then));
+  for (let some; (some = await list()).length;) all.push(...some);
+  return (await Promise.all(all.map(unfold))).flat();
+}
 async function dropped(items) {
-  const found = [], walk = async (entry, folder) => {
-    if (entry.isFile) found.push({ file: await new Promise((take, refuse) => entry.file(take, refuse)),
-      name: folder + entry.name });
-    else {
-      const reader = entry.createReader(), list = () => new Promise((take, refuse) => reader.readEntries(take, refuse));
-      for (let some; (some = await list()).length;) for (const each of some) await walk(each,
-        `${folder}${entry.name}/`);
-    }
-  };
-  // The items are gone after the first wait.
-  const taken = [...items].filter((item) => item.kind === 'file').map((item) =>
-    [item.webkitGetAsEntry(), item.getAsFile()]);
-  for (const [entry, file] of taken) if (entry) await walk(entry, '');
-    else if (file) found.push({ file, name: file.name });
-  await receive(found);
+  const entries = [...items].map((item) => item.webkitGetAsEntry() ?? item.getAsFile()).filter(Boolean);
+  await receive((await Promise.all(entries.map(unfold))).flat());
 }
 function recordings() {
   const window = (file, k, key) => html`<input type="number" min="0" step="any" value="${file[key]}"
-    placeholder="${key}"
-    aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
+    placeholder="${key}" aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
   const list = state.files.map((file, k) => html`<li><strong>${file.name}</strong>
     ${select(`role:${k}`, `role of ${file.name}`, file.role,
       [['estimate', 'estimates'], ['validate', 'only validates']])}
@@ -203,7 +194,7 @@ function recordings() {
         ${button('sample', 'Try the sample recording', 'plain')}</div></div>
     <ul class="files">${list}</ul>
     ${list.length > 0 && html`<p><small>Without a window, the first half of one recording estimates and the second
-      validates; several all estimate.</small></p>`}${actions(state.files.some((file) => file.role === 'estimate'))}`;
+      validates; several all estimate.</small></p>`}${actions(estimating())}`;
 }
 
 /* ---- 2: columns ---- */
@@ -229,8 +220,7 @@ function row(found, name) {
   const sign = /^(q|tau)/.test(name) && select(`sign:${name}`, `sign of ${name}`, negated().includes(name),
     [['false', '+'], ['true', '− reversed']]);
   return html`<tr><th scope="row">${ROWS[name]}<small>${name}</small></th>${columns}<td>${unit(name)}</td>
-    <td>${sign}</td>
-    <td>${name !== 't' && spark(found.preview?.[name])}</td></tr>`;
+    <td>${sign}</td><td>${name !== 't' && spark(found.preview?.[name])}</td></tr>`;
 }
 function bag(found) {
   const joints = found.joints.map((name) => [name, name]);
@@ -302,12 +292,12 @@ const CRITERIA = [['likelihood', 'Likelihood', 'the best parameters; seconds to 
 const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the largest'],
   ['viscous', 'Viscous', 'the paper’s seven parameters'],
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
-    ['geared', 'Geared', 'and friction of gears']];
+  ['geared', 'Geared', 'and friction of gears']];
 /* The command line of the present choices, which the server composes. */
 async function compose() {
-  const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => null);
-  const text = answer?.ok ? await answer.text() : '';
-  if (text && text !== state.command) { state.command = text; draw(); }
+  const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => ({ ok: false }));
+  const text = answer.ok ? await answer.text() : state.command;
+  if (text !== state.command) { state.command = text; draw(); }
 }
 function method() {
   compose();
@@ -337,9 +327,8 @@ async function fit() {
 }
 function progress() {
   const { progress: now, done, of, best, seconds, stages } = state.fitting;
-  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong><span class="note">
-    ${seconds ?? 0} s</span>
-    ${best != null && html`<span class="note">J = ${number(best, 5)}</span>`}</div>
+  return html`<div class="row"><strong class="busy">${now ?? 'starting'}</strong>
+    <span class="note">${seconds ?? 0} s</span>${best != null && html`<span class="note">J = ${number(best, 5)}</span>`}</div>
     <progress aria-label="progress of this stage" max="${of || 1}" ${of > 0 && html`value="${done}"`}></progress>
     <ul class="stages">${stages.slice(-6).map((stage) => html`<li>${stage}</li>`)}</ul>`;
 }
@@ -354,8 +343,8 @@ function fitting() {
 
 /* ---- 6: result ---- */
 const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendubot.xml': 'MuJoCo',
-  'pendubot.urdf': 'RViz, Gazebo, Drake',
-  'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C', 'pendubot.py': 'Python' };
+  'pendubot.urdf': 'RViz, Gazebo, Drake', 'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C',
+  'pendubot.py': 'Python' };
 const SAID = { WARN: 'Use them with care: the page says why.', ERROR: 'Do not use them: the page says why.' };
 function result() {
   const { level, files, missing } = state.result, page = at('output/report.html');
@@ -387,8 +376,7 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
   const gravity = html`<path d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
   const rows = parameters.map(({ name, value, half, unit: measure }) =>
     html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
-    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td>
-    <td class="text">${(measure ?? '').replace('^2', '²')}</td>
+    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td><td class="text">${(measure ?? '').replace('^2', '²')}</td>
     <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}"
       aria-label="± of ${name}"></meter>`}</td></tr>`);
   return html`${heading('The running rig', q ? 'As it is published now. This page only listens.'
@@ -397,12 +385,12 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
     <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
       ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
         ${figure('q2', number(q[1], 3), 'rad')}
-        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>${trace(0, 1)}
-          ${trace(2)}
+        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>
+        ${trace(0, 1)}${trace(2)}
         ${['q1', 'q2', 'effort'].map((name, k) => html`<span class="key trace${k}">${name}</span>`)}</div>`}</div>
-    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th></th><th scope="col">value</th>
-      <th scope="col">95 % interval</th>
-      <th scope="col" class="text">unit</th><th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
+    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
+      <th scope="col">value</th><th scope="col">95 % interval</th><th scope="col" class="text">unit</th>
+      <th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
       : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
 }
 async function watch() {
@@ -416,22 +404,24 @@ async function watch() {
 }
 
 /* ---- the frame ---- */
-const DRAW = [recordings, columns, checks, method, fitting, result];
-const ready = (k) => [true, state.files.some((file) => file.role === 'estimate'), state.checks ||
-  (state.described && !state.described.problem),
-  passed(), passed(), state.result][k];
+const estimating = () => state.files.some((file) => file.role === 'estimate');
+/* Each step: its name, what draws it, and whether it can be gone to. */
+const STEPS = [['Recordings', recordings, () => true], ['Columns', columns, estimating],
+  ['Checks', checks, () => state.checks || (state.described && !state.described.problem)],
+  ['Method', method, passed], ['Fit', fitting, passed], ['Result', result, () => state.result]];
 function go(k) { if (!state.fitting) cancel(); state.step = k; draw(); scrollTo(0, 0);
   $('#step').focus({ preventScroll: true }); }
 function draw() {
   if (pressed) { pressed = 'later'; return; }  // what is pressed must still be there when it is released
   const { set, do: act } = document.activeElement?.dataset ?? {};
   state.offers = [];
-  $('#rail').innerHTML = STEPS.map((name, k) => html`<li class="${k < state.step && ready(k + 1) && 'done'}">
-    <button type="button" data-do="go:${k}"
-    aria-label="step ${k + 1}: ${name}" ${k === state.step && html`aria-current="step"`} ${!ready(k) && 'disabled'}><b>
-      ${k < state.step && ready(k + 1) ? '✓' : k + 1}</b>
-    <span>${name}</span></button></li>`.text).join('');
-  $('#step').innerHTML = DRAW[state.step]().text;
+  $('#rail').innerHTML = STEPS.map(([name,, ready], k) => {
+    const done = k < state.step && STEPS[k + 1][2]();
+    return html`<li class="${done && 'done'}"><button type="button" data-do="go:${k}" ${!ready() && 'disabled'}
+      aria-label="step ${k + 1}: ${name}" ${k === state.step && html`aria-current="step"`}><b>${done ? '✓' : k + 1}</b>
+      <span>${name}</span></button></li>`.text;
+  }).join('');
+  $('#step').innerHTML = STEPS[state.step][1]().text;
   if (set || act) document.querySelector(set ? `[data-set="${set}"]`
     : `[data-do="${act}"]`)?.focus({ preventScroll: true });
 }
@@ -453,17 +443,15 @@ function apply({ remedy, whole, ...window }) {
 const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: () => location.reload(),
   pick: (id) => $(`#${id}`).click(),
   sample: () => { add('paper_experiment'); changed(); },
-    remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
+  remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
   show: (k) => { state.shown = Number(k); state.described = null; cancel(); draw(); },
-    all: () => { state.all = true; draw(); },
-  apply: (k) => apply(state.offers[k]), copy: (_, pressedOne) =>
-    navigator.clipboard.writeText(pressedOne.previousElementSibling.innerText)
-    .then(() => { pressedOne.textContent = 'Copied'; }) };
+  all: () => { state.all = true; draw(); }, apply: (k) => apply(state.offers[k]),
+  copy: (_, own) => navigator.clipboard.writeText(own.previousElementSibling.innerText)
+    .then(() => { own.textContent = 'Copied'; }) };
+const edit = (key, what) => (k, value) => { state.files[k][key] = value; changed(what); };
 const SETS = { option: choose, topic: (_, value) => { state.topic = value; changed(); },
   joint: (k, value) => { state.joints[k] = value; changed(); },
-  role: (k, value) => { state.files[k].role = value; changed('roles'); },
-    start: (k, value) => { state.files[k].start = value; changed(); },
-  end: (k, value) => { state.files[k].end = value; changed(); },
+  role: edit('role', 'roles'), start: edit('start'), end: edit('end'),
   column: (name, value) => choose('columns', Object.entries({ ...named(), [name]: value }).filter(([, each]) =>
     each).map((pair) => pair.join('=')).join(',')),
   sign: (name, value) => choose('negate', Object.keys(ROWS).filter((each) =>
@@ -479,8 +467,9 @@ function listen() {
     else if (target.files) receive([...target.files].map((file) =>
       ({ file, name: file.webkitRelativePath || file.name })));
   });
-  addEventListener('toggle', ({ target }) => { if (target.dataset?.open) state.open[target.dataset.open] = target.open;
-    }, true);
+  addEventListener('toggle', ({ target }) => {
+    if (target.dataset?.open) state.open[target.dataset.open] = target.open;
+  }, true);
   addEventListener('pointerdown', () => { pressed = true; }, true);
   for (const name of ['pointerup', 'pointercancel']) addEventListener(name, () => setTimeout(() => {
     const later = pressed === 'later';

@@ -37,7 +37,7 @@ from test.identified import SAMPLE, SOURCE, identified, made, plain
 from test.identified import result as typed
 from test.report.pictures import every_picture, motion, simulation
 
-VOID = {'meta', 'link', 'img'}
+VOID = {'meta', 'link', 'img', 'input'}
 
 
 class Page(HTMLParser):

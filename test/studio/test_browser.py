@@ -236,6 +236,19 @@ def test_units_of_a_header_are_taken_and_named(opened):
     expect(page.get_by_label('unit of q1', exact=True)).to_have_value('true')
 
 
+def test_the_folder_of_a_bag_is_dropped(opened):
+    page = opened()
+    box = page.locator('.drop').bounding_box()
+    data = {'items': [], 'files': [str(ROOT / 'bags' / 'paper_experiment')], 'dragOperationsMask': 1}
+    mouse = {'x': box['x'] + 9, 'y': box['y'] + 9, 'data': data}
+    devtools = page.context.new_cdp_session(page)
+    for step in ('dragEnter', 'dragOver', 'drop'):
+        devtools.send('Input.dispatchDragEvent', {'type': step, **mouse})
+    expect(page.locator('.files strong')).to_have_text('paper_experiment')
+    click(page, 'Continue')
+    expect(page.get_by_label('topic', exact=True)).to_have_value('/joint_states')
+
+
 @pytest.mark.ros
 def test_the_running_rig_moves_in_the_page(opened):
     with Program.of_file(Path(__file__).with_name('publisher.py')):
