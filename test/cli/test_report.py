@@ -163,7 +163,7 @@ def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_pat
         assert sentence in err
         assert sentence.replace('/gone/', '') in text(look)
         assert plots(look) == set()
-        assert 'What the motion excites' not in text(look)
+        assert 'Excitation by the motion' not in text(look)
         assert 'Correlations of the parameters' in text(look)
     found = ('report', tmp_path / 'moved.yaml', '--bags', made, '--output', tmp_path / 'found')
     assert run(*found)[::2] == (0, '')
