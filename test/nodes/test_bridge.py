@@ -137,8 +137,8 @@ def test_a_missing_port_is_waited_for_and_diagnostics_name_every_counter(rig):
     r.until_samples(10)
     counters = 'published', 'lost', 'damaged', 'duplicates', 'flagged'
     r.until(lambda: all(int(r.values()[name]) > 0 for name in counters), 30.0)
+    r.until(lambda: r.diagnoses[-1].level == b'\x01')  # on a busy machine a second may be an ERROR
     values = r.fresh_values()
-    assert r.diagnoses[-1].level == b'\x01'
     assert 100 < float(values['rate [Hz]']) <= 205
     assert values['link'] == 'up'
 
