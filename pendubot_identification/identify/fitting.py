@@ -260,8 +260,7 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     part = data.excerpt()
     begin = _first_fit(part, progress)
     part, begin = _best_hold(part, begin, progress)
-    if part.hold != data.hold:
-        data = part if data.searched == 1 else data.held(part.hold)
+    data = _complete(data, part)
     rough = _refit(data, begin, progress)
     steps = [f'innovations at 0.05 s: {begin.fit.iterations} scoring steps, J = {rough.fit.cost:.6g}']
     best, found = Fits.of(data, rough, progress), list[FoundEffect]()
@@ -292,13 +291,13 @@ def _with_effects(best: Fits, part: TrainingData, begin: Problem, progress: Prog
     """
     found, last = list[FoundEffect](), begin
     for each, problem in find_effects(begin, EffectSettings(share=best.data.searched)):
-        try:
-            rough = _refit(best.data, problem, progress)
-            sure = each.accepted or _nearly_exact(best.data, rough)
-            beside = Fits.of(best.data, rough, progress) if sure else best
-        except FloatingPointError:
-            break
-        sure = sure and beside.surely_better(best, each)
+        sure = each.accepted or _nearly_exact(best.data, problem)
+        if sure:
+            try:
+                beside = Fits.of(best.data, _refit(best.data, problem, progress), progress)
+            except FloatingPointError:
+                break
+            sure = beside.surely_better(best, each)
         if sure or each.z > EffectSettings().possible:
             found.append(replace(each, accepted=sure))
         if not sure:
@@ -307,7 +306,7 @@ def _with_effects(best: Fits, part: TrainingData, begin: Problem, progress: Prog
     if last is not begin:
         part, last = _best_hold(part, last, progress)
         if part.hold != best.data.hold:
-            data = part if best.data.searched == 1 else best.data.held(part.hold)
+            data = _complete(best.data, part)
             best = Fits.of(data, _refit(data, last, progress), progress)
     return best, found
 
@@ -325,6 +324,13 @@ def _best_hold(data: TrainingData, rough: Problem, progress: Progress) -> tuple[
     except FloatingPointError:  # under the other torques the filter diverges
         return data, rough
     return (other, tried) if tried.fit.cost < rough.fit.cost else (data, rough)
+
+
+def _complete(data: TrainingData, part: TrainingData) -> TrainingData:
+    """Return all of the data, with the hold that was chosen for a part of them."""
+    if part.hold == data.hold:
+        return data
+    return part if data.searched == 1 else data.held(part.hold)
 
 
 def _refit(data: TrainingData, near: Problem, progress: Progress) -> Problem:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the studio shows of a running rig: JSON lines on stdout, 20 a second. It only listens.
+"""The state of a running rig for the studio, as JSON lines on stdout, 20 a second. It only listens.
 
 Each line has the newest sample (``t`` [s], ``q`` [rad], ``effort`` [N m], ``rate`` [Hz]; without ``q`` where nothing is
 published), the ``parameters`` with 95 % half-widths, and ``level`` and ``message`` of the identification.

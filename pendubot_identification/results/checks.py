@@ -51,8 +51,8 @@ def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings)
 
 def _reading(data: Datasets) -> Finding:
     samples = [sum(map(len, part)) for part in (data.training, data.validation)]
-    judged = f'{samples[1]} validate' if samples[1] else 'each part is predicted from the others'
-    return Finding('reading', Level.OK, f'{samples[0]} samples estimate, {judged}')
+    validation = f'{samples[1]} validate' if samples[1] else 'each part is predicted from the others'
+    return Finding('reading', Level.OK, f'{samples[0]} samples estimate, {validation}')
 
 
 def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:

@@ -27,7 +27,7 @@ from typing import Any
 
 from aiohttp import web
 
-from pendubot_identification.errors import MissingFileError, PendubotError, UsageError
+from pendubot_identification.errors import MissingFileError, PendubotError, UsageError, sentence
 from pendubot_identification.identify.options import APPLY_REMEDIES, EXPERT, OPTIONS, START
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
@@ -131,17 +131,15 @@ class Studio:
             return web.Response(status=403, text='this address has no token of the studio; take that of its terminal')
         try:
             return await handler(request)
-        except PendubotError as error:
-            return web.Response(status=400, text=str(error))
-        except OSError as error:
-            return web.Response(status=507, text=f'the system refused: {error.strerror or error}; mend that and retry')
+        except (PendubotError, OSError) as error:
+            return web.Response(status=400 if isinstance(error, PendubotError) else 507, text=sentence(error))
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
         file = PAGE[request.path.rpartition('/')[2]]
         return web.FileResponse(file, headers={**HEADERS, 'Content-Security-Policy': POLICY})
 
     async def _open(self, _: web.Request) -> web.Response:
-        """Open a session; answer with what the page needs to know."""
+        """Open a session; answer with its name, the recordings, and the options."""
         if len(self._sessions) >= SESSIONS:
             raise PendubotError(f'{SESSIONS} pages are open already, which is the limit; close one of them')
         name = secrets.token_urlsafe(12)
@@ -207,7 +205,7 @@ class Studio:
         return self._spare
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
-        """Relay what the watcher sees, until the page closes."""
+        """Relay the lines of the watcher, until the page closes."""
         return await _relay(request, await self._started('pendubot_identification.nodes.watcher'))
 
     async def _started(self, module: str) -> asyncio.subprocess.Process:
@@ -263,7 +261,7 @@ def _described(setting: Setting) -> dict[str, Any]:
 
 
 def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what is asked for, with the places of recordings.
+    """Return the job of a request, with the places of recordings.
 
     Raises:
         PendubotError: there is no such recording or option.

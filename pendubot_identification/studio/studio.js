@@ -282,7 +282,7 @@ function checks() {
   return html`${heading('Is it good enough?', 'Everything that can be checked before a fit.')}
     ${state.checks ? html`<ul class="checks">${list}</ul>`
       : busy('checking stamps, gaps, limits, conventions and excitation')}
-    ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Mend the columns'))}`;
+    ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Correct the columns'))}`;
 }
 
 /* ---- 4: method ---- */

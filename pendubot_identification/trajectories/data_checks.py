@@ -91,5 +91,5 @@ def _clipped(motion: Trajectory) -> list[str]:
     return found
 
 
-#: By what they are of.
+#: The checks by their subject.
 CHECKS = {'gaps': (_missing,), 'stamps': (_jitter,), 'limits': (_saturated, _clipped)}

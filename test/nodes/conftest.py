@@ -1,9 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Nodes of the tests' own."""
+"""Nodes of the tests' own, and a bag."""
 
 import pytest
+
+from pendubot_identification.cli.main import main
 
 
 @pytest.fixture
@@ -20,3 +22,11 @@ def stranger(ros):
     node = ros.create_node('stranger', namespace='elsewhere')
     yield node
     node.destroy_node()
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """A simulated recording."""
+    path = tmp_path_factory.mktemp('bags') / 'swing'
+    assert main(['simulate', '--output', str(path)]) == 0
+    return path

@@ -11,7 +11,6 @@ import pytest
 import yaml
 from std_srvs.srv import Trigger
 
-from pendubot_identification.cli.main import main
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
@@ -26,13 +25,6 @@ FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': '
 FAST |= {'columns': '', 'apply_remedies': False, 'validate': [''], 'output': '', 'force': False, 'start': ''}
 WARN, ERROR = b'\x01', b'\x02'
 PROGRESS = 'identifier: progress'
-
-
-@pytest.fixture(scope='module')
-def bag(tmp_path_factory):
-    path = tmp_path_factory.mktemp('bags') / 'swing'
-    assert main(['simulate', '--output', str(path)]) == 0
-    return path
 
 
 class Client(Observer):

@@ -14,7 +14,6 @@ from rclpy.action import ActionClient
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pendubot_identification.cli.main import main
 from pendubot_identification.nodes.messages import LATCHED
 from test.nodes.observer import Observer
 from test.processes import Program, parameters
@@ -25,13 +24,6 @@ Identify = importlib.import_module('pendubot_interfaces.action').Identify
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
 #: Takes minutes, in one stage of many generations.
 LONG = {'criterion': 'energy', 'model': 'viscous', 'hold': 'zero', 'generations': 10_000_000, 'spread': 0.0}
-
-
-@pytest.fixture(scope='module')
-def bag(tmp_path_factory):
-    path = tmp_path_factory.mktemp('bags') / 'swing'
-    assert main(['simulate', '--output', str(path)]) == 0
-    return path
 
 
 class Goals(Observer):

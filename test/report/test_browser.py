@@ -5,7 +5,6 @@
 
 import json
 import re
-import shutil
 from itertools import pairwise
 from xml.etree import ElementTree
 
@@ -26,37 +25,23 @@ from pendubot_identification.report.plots import plot_track
 from pendubot_identification.report.table import Table
 from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.tracking.events import Change, Disturbance, State
+from test.browser import BRIGHTNESS, NEEDS_BROWSER, launched, serious, watched
 from test.identified import SAMPLE, made, plain
 from test.identified import result as typed
 from test.report.pictures import every_picture
 
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
-try:
-    from axe_playwright_python.sync_playwright import Axe
-    from playwright.sync_api import sync_playwright
-except ImportError:
-    sync_playwright = None
-
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason='no Chromium: apt-get install chromium'),
-    pytest.mark.skipif(sync_playwright is None, reason='no playwright or axe: pip install axe-playwright-python'),
-]
+pytestmark = NEEDS_BROWSER
 
 #: What a chart shows of time, and where its box is.
 RANGES = """() => Object.fromEntries([...document.querySelectorAll('.plot')].map(
   (box) => [box.dataset.plot, box.charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])]))"""
 POSES = 'JSON.parse(document.querySelector("#scene").dataset.poses)'
-BRIGHTNESS = """([selector, what]) => {
-  const colour = getComputedStyle(document.querySelector(selector))[what];
-  return colour.match(/\\d+/g).slice(0, 3).reduce((sum, part) => sum + Number(part), 0) / 3 }"""
 
 
 @pytest.fixture(scope='module')
 def browser():
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+    with launched() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture(scope='module')
@@ -81,22 +66,9 @@ def real(tmp_path_factory):
 @pytest.fixture
 def opened(browser, file):
     """Opens a page as it is asked for; at the end nothing may have been said on its console, or asked of anyone."""
-    contexts, said = [], []
-
-    def opened(file=file, **how):
-        usual = {'viewport': {'width': 1280, 'height': 900}, 'reduced_motion': 'reduce'}
-        contexts.append(browser.new_context(**usual | how))
-        page = contexts[-1].new_page()
-        page.on('console', lambda message: said.append(message.text))
-        page.on('pageerror', lambda error: said.append(str(error)))
-        page.on('request', lambda r: None if r.url.startswith(('file:', 'data:')) else said.append(r.url))
-        page.goto(file.as_uri())
-        return page
-
-    yield opened
-    for context in contexts:
-        context.close()
-    assert said == []
+    usual = {'viewport': {'width': 1280, 'height': 900}, 'reduced_motion': 'reduce'}
+    with watched(browser) as shown:
+        yield lambda file=file, **how: shown(file.as_uri(), ('file:', 'data:'), **usual | how)
 
 
 def over(page, plot, panel=0):
@@ -404,18 +376,6 @@ def test_the_table_is_saved_and_the_command_copied(opened, real):
     page.get_by_role('button', name='copy the command').click()
     page.get_by_role('button', name='copied').wait_for()
     assert page.evaluate('navigator.clipboard.readText()').startswith('pendubot identify swing@0:4')
-
-
-def serious(page):
-    """The serious findings of axe-core: rules, elements and what to mend."""
-    found = Axe().run(page).response
-    assert len(found['passes']) > 10
-    return [
-        (each['id'], node['target'], node['failureSummary'])
-        for each in found['violations']
-        if each['impact'] in ('serious', 'critical')
-        for node in each['nodes']
-    ]
 
 
 def pages(real, folder):

@@ -15,20 +15,17 @@ import yaml
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
+from test.browser import BRIGHTNESS, NEEDS_BROWSER, launched, serious, watched
 from test.conftest import ROOT
 from test.processes import Program
-from test.report.test_browser import BRIGHTNESS, CHROMIUM, serious
 from test.studio.client import Studio, csv
 
 try:
-    from playwright.sync_api import expect, sync_playwright
+    from playwright.sync_api import expect
 except ImportError:
-    sync_playwright = None
+    expect = None
 
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason='no Chromium: apt-get install chromium'),
-    pytest.mark.skipif(sync_playwright is None, reason='no playwright: pip install playwright'),
-]
+pytestmark = NEEDS_BROWSER
 #: As a hand lets go of a file above the page.
 DROP = """({name, text}) => {
   const dataTransfer = new DataTransfer();
@@ -42,10 +39,8 @@ LONG = 60_000
 @pytest.fixture(scope='module')
 def browser():
     expect.set_options(timeout=LONG)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+    with launched() as browser:
         yield browser
-        browser.close()
 
 
 @pytest.fixture(scope='module')
@@ -57,23 +52,13 @@ def studio():
 @pytest.fixture
 def opened(browser, studio):
     """Opens the studio; at the end nothing may have been said on the console, or asked of anyone else."""
-    contexts, said = [], []
+    with watched(browser) as shown:
 
-    def opened(program=studio, view='', **how):
-        contexts.append(browser.new_context(**{'viewport': {'width': 1440, 'height': 900}} | how))
-        page = contexts[-1].new_page()
-        page.set_default_timeout(LONG)
-        page.on('console', lambda message: said.append(message.text))
-        page.on('pageerror', lambda error: said.append(str(error)))
-        ours = ('data:', 'blob:', f'http://127.0.0.1:{program.port}/')
-        page.on('request', lambda r: None if r.url.startswith(ours) else said.append(r.url))
-        page.goto(program.address + view)
-        return page
+        def opened(program=studio, view='', **how):
+            ours = 'data:', 'blob:', f'http://127.0.0.1:{program.port}/'
+            return shown(program.address + view, ours, LONG, **{'viewport': {'width': 1440, 'height': 900}} | how)
 
-    yield opened
-    for context in contexts:
-        context.close()
-    assert said == []
+        yield opened
 
 
 def click(page, name):
@@ -104,7 +89,7 @@ def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(op
     click(page, 'Continue')
     conventions = page.locator('.checks li', has_text='Conventions')
     expect(conventions).to_contain_text('--zero hanging')
-    click(page, 'Mend the columns')
+    click(page, 'Correct the columns')
     page.get_by_text('at rest it is 0°').click()
     click(page, 'Continue')
     expect(page.locator('.checks [aria-label=good]')).to_have_count(6)

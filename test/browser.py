@@ -1,0 +1,66 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Pages in a real browser, for the tests of the report and of the studio."""
+
+import shutil
+from contextlib import contextmanager
+
+import pytest
+
+try:
+    from axe_playwright_python.sync_playwright import Axe
+    from playwright.sync_api import sync_playwright
+except ImportError:
+    sync_playwright = None
+
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+NEEDS_BROWSER = [
+    pytest.mark.skipif(CHROMIUM is None, reason='no Chromium: apt-get install chromium'),
+    pytest.mark.skipif(sync_playwright is None, reason='no playwright or axe: pip install axe-playwright-python'),
+]
+BRIGHTNESS = """([selector, what]) => {
+  const colour = getComputedStyle(document.querySelector(selector))[what];
+  return colour.match(/\\d+/g).slice(0, 3).reduce((sum, part) => sum + Number(part), 0) / 3 }"""
+
+
+@contextmanager
+def launched():
+    """Yield a browser."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def watched(browser):
+    """Yield a function that opens an address; at the end no console may have a message, and no one else a request."""
+    contexts, said = [], []
+
+    def opened(address, ours, timeout=30_000, **how):
+        contexts.append(browser.new_context(**how))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(timeout)
+        page.on('console', lambda message: said.append(message.text))
+        page.on('pageerror', lambda error: said.append(str(error)))
+        page.on('request', lambda r: None if r.url.startswith(ours) else said.append(r.url))
+        page.goto(address)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert said == []
+
+
+def serious(page):
+    """The serious findings of axe-core: rules, elements and corrections."""
+    found = Axe().run(page).response
+    assert len(found['passes']) > 10
+    return [
+        (each['id'], node['target'], node['failureSummary'])
+        for each in found['violations']
+        if each['impact'] in ('serious', 'critical')
+        for node in each['nodes']
+    ]
