@@ -16,6 +16,9 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import LARGEST_COUPLING, PAPER
 from pendubot_identification.model.simulation import simulate
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test import simulated_rig as rig
+from test.simulated_rig import Rig
 from test.virtual import recording
 
 
@@ -84,6 +87,27 @@ def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
     longest.append(0.0)
     with pytest.raises(TrajectoryError, match='no filter follows this motion'):
         fitted(noisy())
+
+
+def test_effects_of_long_recordings_are_searched_in_their_middles_and_confirmed_by_all(monkeypatch):
+    made = rig.record(range(3), [Rig(dead_zone=0.015)] * 3)
+    motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in made]
+    real, searched = fitting.find_effects, []
+
+    def find(base, settings):
+        searched.append([(m.start, m.end) for m in base.likelihood.filter_data.motions])
+        return real(base, settings)
+
+    monkeypatch.setattr(fitting, 'find_effects', find)
+    complete, _ = fitted(*motions, effects=True)
+    monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=12.0))
+    in_part, _ = fitted(*motions, effects=True)
+    np.testing.assert_allclose(searched[0], [(0, 9.995)] * 3)
+    np.testing.assert_allclose(searched[1], [(2.9975, 6.9975)] * 3, atol=0.01)
+    for answer in (complete, in_part):
+        assert [(found.name, found.accepted) for found in answer.effects] == [('dead zone', True)]
+        assert answer.filter_data.measurements == complete.filter_data.measurements
+    np.testing.assert_allclose(in_part.theta[:5], complete.theta[:5], rtol=1e-5)
 
 
 def test_short_recordings_are_fitted_or_refused():
