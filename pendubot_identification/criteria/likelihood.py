@@ -397,7 +397,7 @@ class Likelihood:
             lanes[own[:, k], 1 + len(shared) + k] += 1e-5
         e, s = innovations(*self._vectors(lanes))
         by = np.concatenate([steps, np.full(4, 1e-5)])
-        de, ds = (np.ascontiguousarray((each[:, :, 1:] - each[:, :, :1]) / by) for each in (e, s))
+        de, ds = (each[:, :, 1:] - each[:, :, :1] for each in (e, s))
         e, s = e[:, :, 0], s[:, :, 0]
         costs = self._costs(e, s)
         w = np.broadcast_to(filter_data.weight[:, None] / self.levels, e.shape)
@@ -411,13 +411,16 @@ class Likelihood:
         slopes, informations = np.zeros((count, self.size)), np.zeros((count, self.size, self.size))
         for g, rows in enumerate(filter_data.rows):
             index = np.concatenate([shared, own[filter_data.samples.level[g]]])
+            square = np.ix_(index, index)
             first = rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[rows])) + 1)
             for part in map(slice, first, [*first[1:], rows.stop]):
                 a, b = de[part].reshape(-1, len(index)), ds[part].reshape(-1, len(index))
                 weight, block = w[part].ravel(), filter_data.block[part.start]
-                slopes[block, index] += (weight * to_e[part].ravel()) @ a + (weight * to_s[part].ravel()) @ b
-                informations[block][np.ix_(index, index)] += (a * (weight * ee[part].ravel())[:, None]).T @ a
-                informations[block][np.ix_(index, index)] += (b * (weight * ss[part].ravel())[:, None]).T @ b
+                slope = (weight * to_e[part].ravel()) @ a + (weight * to_s[part].ravel()) @ b
+                information = (a * (weight * ee[part].ravel())[:, None]).T @ a
+                information += (b * (weight * ss[part].ravel())[:, None]).T @ b
+                slopes[block, index] += slope / by
+                informations[block][square] += information / by / by[:, None]
         return Evaluation(costs, slopes, informations)
 
     def prior(self, x: Array) -> float:

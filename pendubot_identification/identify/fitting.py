@@ -231,13 +231,22 @@ class Fits:
         all_intervals = _all_levels(data, rough, progress)
         return cls(data, rough, all_intervals, _exact_fit(data, rough, all_intervals, progress))
 
+    def completed(self, data: TrainingData, progress: Progress) -> Fits:
+        """Go on from a part of the recordings to all of them: those of an exact rig need no fit of all intervals."""
+        if data.searched == 1:
+            return self
+        rough = _refit(data, self.rough, progress)
+        if self.exact is not None and (exact := _exact_fit(data, rough, self.all_intervals, progress, self.exact)):
+            return Fits(data, rough, self.all_intervals, exact)
+        return Fits(data, rough, _refit(data, self.all_intervals, progress), None)
+
     @property
     def last(self) -> Problem:
         """The fit that counts."""
         return self.exact or self.all_intervals
 
-    def surely_better(self, before: Fits, found: FoundEffect) -> bool:
-        """Tell whether an effect is sure.
+    def surely_better(self, before: Fits, found: FoundEffect, share: float = 1.0) -> bool:
+        """Tell whether an effect is sure; z of all recordings is larger by the root of the share that was fitted.
 
         It is where nothing but quantization is left with it alone. Otherwise all samples of an exact rig decide by
         Vuong's test, and all intervals of others: within short ones a torque that grows with an angle may pass for
@@ -252,7 +261,7 @@ class Fits:
             return new.likelihood.levels > old.likelihood.levels
         gains = old.fit.evaluation.costs - new.fit.evaluation.costs
         everywhere = bool((np.bincount(old.likelihood.filter_data.owner, gains) > 0).all())
-        return everywhere and vuong(gains, 0.0) > EffectSettings().sure
+        return everywhere and vuong(gains, 0.0) / share**0.5 > EffectSettings().sure
 
 
 def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = True) -> Composite:
@@ -260,13 +269,12 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     part = data.excerpt()
     begin = _first_fit(part, progress)
     part, begin = _best_hold(part, begin, progress)
-    data = _complete(data, part)
-    rough = _refit(data, begin, progress)
-    steps = [f'innovations at 0.05 s: {begin.fit.iterations} scoring steps, J = {rough.fit.cost:.6g}']
-    best, found = Fits.of(data, rough, progress), list[FoundEffect]()
+    fits = Fits.of(part, begin, progress)
+    best, found = fits.completed(_complete(data, part), progress), list[FoundEffect]()
+    steps = [f'innovations at 0.05 s: {begin.fit.iterations} scoring steps, J = {best.rough.fit.cost:.6g}']
     if effects:
         progress('looking for unmodelled effects', 0, 0, math.nan)
-        best, found = _with_effects(best, part, begin, progress)
+        best, found = _with_effects(best, fits, progress)
     steps += [f'together with {each.name} ({each.where})' for each in found if each.accepted]
     if best.data.hold == 'linear' and best.data.settings.hold == 'auto':
         steps.append(f'torque measured at its samples, not held: J = {best.rough.fit.cost:.6g}')
@@ -284,30 +292,31 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     return replace(answer, steps=tuple(steps))
 
 
-def _with_effects(best: Fits, part: TrainingData, begin: Problem, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
+def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
     """Return the fits with the effects that are sure, and these, the last perhaps a possible one.
 
-    They are found in a part of the recordings, where the fit is ``begin``.
+    They are found in a part of the recordings; those that are sure there must be so in all of them.
     """
-    found, last = list[FoundEffect](), begin
-    for each, problem in find_effects(begin, EffectSettings(share=best.data.searched)):
-        sure = each.accepted or _nearly_exact(best.data, problem)
+    found, last = list[FoundEffect](), part
+    for each, problem in find_effects(part.rough, EffectSettings(share=best.data.searched)):
+        sure = each.accepted or _nearly_exact(part.data, problem)
         if sure:
             try:
-                beside = Fits.of(best.data, _refit(best.data, problem, progress), progress)
+                beside = Fits.of(part.data, problem, progress)
+                sure = beside.surely_better(last, each, best.data.searched)
+                complete = beside.completed(best.data, progress) if sure else best
             except FloatingPointError:
                 break
-            sure = beside.surely_better(best, each)
+            sure = sure and complete.surely_better(best, each)
         if sure or each.z > EffectSettings().possible:
             found.append(replace(each, accepted=sure))
         if not sure:
             break
-        best, last = beside, problem
-    if last is not begin:
-        part, last = _best_hold(part, last, progress)
-        if part.hold != best.data.hold:
-            data = _complete(best.data, part)
-            best = Fits.of(data, _refit(data, last, progress), progress)
+        best, last = complete, beside
+    if last is not part:
+        held, rough = _best_hold(last.data, last.rough, progress)
+        if held.hold != best.data.hold:
+            best = Fits.of(held, rough, progress).completed(_complete(best.data, held), progress)
     return best, found
 
 
@@ -461,8 +470,13 @@ def _nearly_exact(data: TrainingData, problem: Problem) -> bool:
     return bool((noise / math.sqrt(0.1) < 10 * np.array(SETTINGS.quiet) * _effort(data)).all())
 
 
-def _exact_fit(data: TrainingData, rough: Problem, all_intervals: Problem, progress: Progress) -> Problem | None:
-    """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise."""
+def _exact_fit(
+    data: TrainingData, rough: Problem, all_intervals: Problem, progress: Progress, near: Problem | None = None
+) -> Problem | None:
+    """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise.
+
+    It starts from all intervals, or near the exact fit of a part of the recordings.
+    """
     if not _nearly_exact(data, all_intervals):
         return None
     quiet = np.array(SETTINGS.quiet) * _effort(data)
@@ -484,10 +498,10 @@ def _exact_fit(data: TrainingData, rough: Problem, all_intervals: Problem, progr
     lower, upper = (np.append(each[:at], each[at : at + 4]) for each in (all_intervals.lower, all_intervals.upper))
     lower[at : at + 2] -= 1.0
     upper[at:] = [*quantum + math.log(SETTINGS.quantized), *np.log(math.sqrt(0.1) * quiet)]
-    start = np.append(all_intervals.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
+    first = np.append(all_intervals.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
     progress('likelihood: all samples', 0, 0, math.nan)
     try:
-        found = fit(like, start, lower, upper, 15, 0.02)
+        found = fit(like, first if near is None else near.fit.x, lower, upper, 15, 0.02)
     except FloatingPointError:
         return None
     e, s = like.innovations(found.x)
