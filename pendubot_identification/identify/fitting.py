@@ -270,7 +270,11 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     begin = _first_fit(part, progress)
     part, begin = _best_hold(part, begin, progress)
     fits = Fits.of(part, begin, progress)
-    best, found = fits.completed(_complete(data, part), progress), list[FoundEffect]()
+    data, found = _complete(data, part), list[FoundEffect]()
+    try:
+        best = fits.completed(data, progress)
+    except FloatingPointError:  # a filter diverges outside the middles
+        best = Fits.of(data, _first_fit(data, progress), progress)
     steps = [f'innovations at 0.05 s: {begin.fit.iterations} scoring steps, J = {best.rough.fit.cost:.6g}']
     if effects:
         progress('looking for unmodelled effects', 0, 0, math.nan)

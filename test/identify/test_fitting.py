@@ -89,6 +89,23 @@ def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
         fitted(noisy())
 
 
+def test_a_filter_that_diverges_outside_the_middles_starts_anew(monkeypatch):
+    real, raised = fitting.fit, []
+
+    def fails(likelihood, *args):
+        if likelihood.levels == 1 and likelihood.filter_data.measurements > 50 and not raised:
+            raised.append(likelihood)
+            raise FloatingPointError
+        return real(likelihood, *args)
+
+    expected, _ = fitted(recording(800, seed=2))
+    monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=2.0))
+    monkeypatch.setattr(fitting, 'fit', fails)
+    answer, _ = fitted(recording(800, seed=2))
+    assert raised
+    np.testing.assert_allclose(answer.theta[:5], expected.theta[:5], rtol=0.005)
+
+
 def test_effects_of_long_recordings_are_searched_in_their_middles_and_confirmed_by_all(monkeypatch):
     made = rig.record(range(3), [Rig(dead_zone=0.015)] * 3)
     motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in made]
