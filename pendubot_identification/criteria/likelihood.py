@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The composite innovations likelihood of recordings: what one filter expects, again and again, of the next sample.
+"""The composite innovations likelihood of recordings: the errors of a filter's predictions of the next sample.
 
 An extended Kalman filter (:mod:`.model.filter`) reads each recording at several sampling intervals. Its innovations e
 with variances s are Student-t distributed with nu degrees of freedom:
@@ -230,7 +230,7 @@ def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
 
 
 def _at_rest(motion: Motion, limit: Array, still: float) -> Flags:
-    """Tell of each sample whether both joints stay within a limit [rad] for about some time [s] to both sides."""
+    """Return of each sample whether both joints stay within a limit [rad] for about some time [s] to both sides."""
     t, q = motion.recorded.t, motion.recorded.q
     block = ((t - t[0]) / still).astype(int)
     first = np.flatnonzero(np.append(True, np.diff(block) > 0))

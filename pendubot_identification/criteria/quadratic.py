@@ -146,7 +146,7 @@ class Quadratic:
         """Return the minimiser among ``directions @ x``, lower <= x <= upper (bounded-variable least squares)."""
         phi = self.phi @ directions
         scale = _column_scale(phi)
-        above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # closed, or turned round by rounding
+        above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # closed, or reversed by a rounding error
         x = lsq_linear(phi / scale, self.y, (lower * scale, above * scale), 'bvls', tol=1e-15).x
         return np.asarray(directions @ np.clip(x / scale, lower, upper))
 
@@ -161,14 +161,14 @@ class Quadratic:
         return float(singular[0] / singular[-1]) if singular[-1] > 0 else float('inf')
 
     def undetermined(self, tolerance: float) -> NDArray[np.bool_]:
-        """Tell, per parameter, whether the data do not determine it, shape (D,).
+        """Return whether the data do not determine each parameter, shape (D,).
 
         Its column is zero, or it takes part in a combination of parameters (of columns scaled to one) to which the
         residuals respond ``tolerance`` times less than to the strongest one.
         """
         _, singular, right = np.linalg.svd(self.phi / _column_scale(self.phi))
-        silent = np.abs(right[singular <= tolerance * singular[0]]).max(axis=0, initial=0.0) > 0.1
-        return np.asarray(silent | (np.linalg.norm(self.phi, axis=0) == 0))
+        lost = np.abs(right[singular <= tolerance * singular[0]]).max(axis=0, initial=0.0) > 0.1
+        return np.asarray(lost | (np.linalg.norm(self.phi, axis=0) == 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +206,7 @@ def _column_scale(phi: Array) -> Array:
 
 
 def _coupled(theta: Array) -> bool:
-    """Tell whether P3 is too large for P1 and P2."""
+    """Return whether P3 is too large for P1 and P2."""
     return bool(abs(theta[2]) > LARGEST_COUPLING * math.sqrt(max(theta[0] * theta[1], 0.0)) * (1 + 1e-12))
 
 

@@ -50,12 +50,11 @@ LONGEST_CELL = 0.005
 WEIGHTS = (1.0, 1.0, 1 / 3)
 #: Steps of the first search for a delay [s]: pulses that change from sample to sample make a narrow valley.
 DELAY_STEP = 0.005
-#: An effort that hardly changes says nothing of its delay: one that leaves more than this fraction of what none
-#: leaves unexplained is not looked at.
-TELLING = 0.98
-#: So many columns of the largest model no torque changes; the others are those of k1 and k2, by which friction grows.
+#: A delay is 0 unless it reduces the residual below this fraction: an effort that hardly changes does not determine it.
+REDUCED = 0.98
+#: Columns of the largest model that no torque changes; the others are those of k1 and k2.
 STILL = 12
-#: How often test functions begin in the search for a delay [s]; more of them tell little more.
+#: Stride of the test functions in the search for a delay [s]; more of them are hardly more informative.
 DELAY_STRIDE = 0.03
 
 
@@ -153,13 +152,13 @@ def estimate_delay(
     found = minimize_scalar(
         lambda delay: unexplained(*criterion_at(delay)), bounds=around, method='bounded', options={'xatol': 1e-5}
     ).x
-    telling = unexplained(*criterion_at(found)) < TELLING * unexplained(*criteria[none])
-    return found if telling else float(delays[none])
+    reduced = unexplained(*criterion_at(found)) < REDUCED * unexplained(*criteria[none])
+    return found if reduced else float(delays[none])
 
 
 @dataclass(frozen=True, slots=True)
 class _TestFunctions:
-    """Bumps that cover a motion, and the cells of time over which they are summed."""
+    """Test functions that cover a motion, and the cells of time over which they are summed."""
 
     origin: float  #: the motion's start [s].
     start: float  #: where the first cell begins [s].
@@ -179,8 +178,8 @@ class _TestFunctions:
         under = max(4, round(WIDTH / step))
         if cells < under:
             raise TrajectoryError(
-                f'{motion.name}: {end - start:.3f} s with known torque are shorter than the bump of {WIDTH:g} s; '
-                'choose a longer part of the recording'
+                f'{motion.name}: {end - start:.3f} s with known torque are shorter than the test function of '
+                f'{WIDTH:g} s; choose a longer part of the recording'
             )
         x = (np.arange(under) + 0.5) / under * 2 - 1
         test_function = (1 - x**2) ** 3
@@ -201,8 +200,8 @@ class _TestFunctions:
 
     def columns(self, cells: dict[tuple[int, int], Array], count: int) -> Array:
         """Return the sums of cells' own integrals, shapes (cells,), by residual and column: shape (K, 3, count)."""
-        result, (balance, column) = np.zeros((len(self), 3, count)), zip(*cells, strict=True)
-        result[:, balance, column] = self._sums(list(cells.values()))
+        result, (residual, column) = np.zeros((len(self), 3, count)), zip(*cells, strict=True)
+        result[:, residual, column] = self._sums(list(cells.values()))
         return result
 
     def _sums(self, cells: Sequence[Array]) -> Array:
@@ -287,7 +286,7 @@ class _WeakResiduals:
         pushes = np.diff(impulse(edges - delay).T)
         work = (pushes / np.diff(edges) * np.diff(self._angles(edges).T)).sum(axis=0)
         cells = np.add.reduceat([*pushes, work, *np.abs(pushes)], np.searchsorted(edges, nodes[:-1]), axis=1)
-        columns = {(balance, 2): cells[balance] for balance in range(3)}
+        columns = {(residual, 2): cells[residual] for residual in range(3)}
         for joint, load in enumerate(cells[3:]):
             columns |= {(joint, joint): self._sense[joint] * load, (2, joint): self._sensed[joint] * load}
         return self._test_functions.columns(columns, 3)

@@ -148,7 +148,7 @@ def assess(
 
 
 def _severe(fault: Fault, estimate: Estimate) -> bool:
-    """Tell whether a fault makes an estimate useless: not if the same delay was estimated along with it."""
+    """Return whether a fault makes an estimate useless: not if the same delay was estimated along with it."""
     compensated = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < SETTINGS.delay
     return fault.level is Level.ERROR and not compensated
 
@@ -172,7 +172,7 @@ def _errors(e: Estimate, settings: Settings) -> Iterator[str]:
     if e.unexplained > SETTINGS.unbalanced:
         yield (
             f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of what it is with all parameters zero; '
-            'look at the signs of angles and torque, at the zero of q1, and at their units'
+            'check the signs of angles and torque, the zero of q1, and their units'
         )
     worse = e.prediction.error[:ASSESSED] > e.prediction.persistence[:ASSESSED]
     if worse.any():
@@ -200,7 +200,7 @@ def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
     elif e.condition_number > SETTINGS.ill_conditioned and not e.exact and not unidentifiable.any():
         yield (
             f'ill-conditioned: condition number {e.condition_number:.3g} (above {SETTINGS.ill_conditioned:g}); the '
-            'effects of some parameters on this motion are nearly alike: excite both joints more'
+            'effects of some parameters on this motion are nearly the same: excite both joints more'
         )
     high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
     # P1 or P2 at 0 is an error, and named there.
@@ -252,8 +252,8 @@ def _wrong_length(e: Estimate, length: float, error: float) -> Iterator[str]:
     if abs(own - length) > max(SETTINGS.length * abs(length), SETTINGS.length_errors * error):
         yield (
             f'P3 / P5, the length of link 1, is {own:.3g} m here and {length:.3g} m (standard error {error:.2g} m) by '
-            "the elbow's own equation, in which the shoulder's torque has no part: look at signs and zeros of the "
-            'angles and at the stamps of the effort'
+            "the elbow's own equation, in which the shoulder's torque has no part: check signs and zeros of the "
+            'angles and the stamps of the effort'
         )
 
 

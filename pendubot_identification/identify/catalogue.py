@@ -25,7 +25,7 @@ JOINTS = ('shoulder', 'elbow')
 TURN, REPETITIONS = 1.0, 24
 #: Step [s] of torques that depend on the motion or on their past.
 STEP = 0.001
-#: What each effect is, and what to do.
+#: The meaning of each effect, and what to do.
 MEANINGS = {
     'dead zone': (
         'the motor gives no torque below a threshold',
@@ -79,7 +79,7 @@ class Effect:
 
 @dataclass(frozen=True, slots=True)
 class FoundEffect:
-    """An effect that the recordings speak for.
+    """An effect that the recordings show.
 
     Attributes:
         effect: which.
@@ -114,12 +114,12 @@ class FoundEffect:
         if not self.accepted:
             return f'possible, not compensated: {found} ({self.where}); {remedy}'
         own = ', '.join(f'{size:.3g}' for size in self.sizes)
-        said = (
+        sentence = (
             f'{found} ({self.where}, {own}): compensated, P1 to P5 change by up to {100 * abs(self.moved).max():.2g} %'
         )
         if self.name in FRICTION:
-            said += '; the friction parameters are meaningful only together with it'
-        return f'{said}; {remedy}'
+            sentence += '; the friction parameters are meaningful only together with it'
+        return f'{sentence}; {remedy}'
 
 
 def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
@@ -240,7 +240,7 @@ def _lagged(motion: Motion, own: Array) -> Motion:
 
 
 def compensated(motion: Motion, effects: Sequence[FoundEffect], delay: float) -> Motion:
-    """Return a motion with the torques that act, as far as accepted effects tell them, along its smoothed states.
+    """Return a motion with the torques that act, by the accepted effects, along its smoothed states.
 
     Friction that drifts is taken as at the end of the training data.
     """

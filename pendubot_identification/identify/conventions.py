@@ -11,7 +11,7 @@ checked once more, for a second fault.
 
 Not detectable: another gear ratio or torque unit, which scales all parameters (except for mN m, with which no link
 could be so small and so heavy); both joints and both efforts reversed, which is the same rig seen from behind; and the
-error of a zero that friction holds while a link hangs.
+error of a zero while friction keeps a link from hanging.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Fault:
         name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``, or
             ``motion`` if the motion fits no pendubot, whatever is corrected.
         found: what is wrong, in words.
-        remedy: what was expected, and what to do.
+        remedy: the expected convention, and what to do.
         level: ERROR where parameters from such recordings are useless, else WARN.
         unexplained: fraction of the squared effort that the model does not explain; NaN where nothing was tried.
         corrected: the same after the correction.
@@ -290,7 +290,7 @@ def _best_correction(recordings: _Recordings) -> Fault | None:
     expected = min([left, *(each.corrected for each in candidates if each.level is Level.OK)])
     ranked = sorted((each for each in candidates if each.level > Level.OK), key=lambda each: each.corrected)
     best = ranked[0]
-    # Of the two zeros the one that explains more counts. Below 1e-12 all is rounding.
+    # Of the two zeros the one that explains more counts. Less than 1e-12 is a rounding error.
     before = left if best.name == 'zero' else expected
     if before < limit * best.corrected + 1e-12 or best.corrected > SETTINGS.unfit:
         return None
@@ -430,7 +430,7 @@ def _wrong_length(recordings: _Recordings, model: str, expected: float) -> Itera
         yield Fault(
             'length',
             f'the elbow moves as on a link 1 of {length:.3f} +- {error:.3f} m, {expected:.3f} m is expected',
-            'measure from axis to axis, and look at the signs, the zeros, the counts per turn and the stamps of both '
+            'measure from axis to axis, and check the signs, the zeros, the counts per turn and the stamps of both '
             'angles',
         )
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What one criterion says of a rig: parameters, how certain, and how well they predict."""
+"""The answer of one criterion: parameters, their uncertainty, and their prediction errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Progress = Callable[[str, int, int, float], None]
 REACHED = 1e-6
 #: An interval that reaches farther to either side, as a fraction of the value, says too little to be relied on.
 WIDE = 0.5
-#: Below this an eigenvalue of a correlation matrix is 0, but for rounding.
+#: Eigenvalue of a correlation matrix below which it is a rounding error.
 INDEPENDENT = 1e-10
 #: Of J.
 UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'likelihood': 'nat per measurement'}
@@ -55,7 +55,7 @@ class Zeros:
 
     Attributes:
         recordings: their names.
-        angles: of both joints [rad], shape (2, R); NaN where nothing tells it.
+        angles: of both joints [rad], shape (2, R); NaN where they are not identifiable.
         std_error: [rad], shape (2, R).
     """
 
@@ -74,11 +74,10 @@ class Estimate:
         theta: the estimate, shape (D,).
         free: which parameters lie on no bound, nor are fixed, shape (D,).
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound.
-        correlation: of the errors by the information matrix at theta, shape (D, D): which parameters the motion tells
-            apart. (That of few recordings' differences has only as many directions as there are differences.) NaN in
-            the rows and columns of parameters on a bound, and of those that nothing tells.
-        std_error: shape (D,); of a parameter on its bound, how far the data would let it off; NaN of one that is not in
-            the model.
+        correlation: of the errors by the information matrix at theta, shape (D, D). (That of few recordings'
+            differences has only as many directions as there are differences.) NaN in the rows and columns of parameters
+            that are on a bound or not identifiable.
+        std_error: shape (D,); of a parameter on its bound, that without the bound; NaN if it is not in the model.
         freedom: degrees of freedom of the standard errors, infinite where they are normal, shape (D,) or ().
         uncertainty: in words, how the covariance was found.
         effort: how the effort was taken.
@@ -93,14 +92,14 @@ class Estimate:
         J_validation: the criterion on validation data, NaN without.
         J_validation_runs: the same for each run of MDE, shape (runs,); empty without.
         prediction: of validation data.
-        zeros: of the recordings' positions; None where the criterion does not tell them.
+        zeros: of the recordings' positions; None where the criterion does not estimate them.
         exact: whether the residuals are those of the encoders alone.
         fixed: which parameters were fixed at a value, shape (D,).
         absent: the parameters that are not in the model of this rig; theta has them as 0.
         level: how far to trust it.
         warnings: why, in sentences for the user.
         consequences: what follows from a severe fault of the recordings, which the warnings name.
-        advice: what motion would tell the parameters that this one tells poorly.
+        advice: motions that would determine the poorly determined parameters.
     """
 
     criterion: str
@@ -162,7 +161,7 @@ class Estimate:
 
     @property
     def not_covered(self) -> dict[str, str]:
-        """By name, the parameters of which too little is known for the level to say anything of them, and why."""
+        """The parameters that the level does not cover, because they are poorly determined, and why, by name."""
         found = {}
         for k in np.flatnonzero(self.present & ~self.fixed):
             value, reach = abs(self.theta[k]), self.half_width[k]

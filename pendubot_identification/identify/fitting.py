@@ -246,7 +246,7 @@ class Fits:
         return self.exact or self.all_intervals
 
     def surely_better(self, before: Fits, found: FoundEffect, share: float = 1.0) -> bool:
-        """Tell whether an effect is sure; z of all recordings is larger by the root of the share that was fitted.
+        """Return whether an effect is sure; z of all recordings is larger by the root of the share that was fitted.
 
         It is where nothing but quantization is left with it alone. Otherwise all samples of an exact rig decide by
         Vuong's test, and all intervals of others: within short ones a torque that grows with an angle may pass for
@@ -434,7 +434,7 @@ def _first_fit(data: TrainingData, progress: Progress) -> Problem:
         except FloatingPointError:
             continue
     raise TrajectoryError(
-        f'{data.motions[0].name}: no filter follows this motion from the rough parameters; look at signs, units and '
+        f'{data.motions[0].name}: no filter follows this motion from the rough parameters; check signs, units and '
         'stamps, or choose another part of the recording'
     )
 
@@ -469,7 +469,7 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
 
 
 def _nearly_exact(data: TrainingData, problem: Problem) -> bool:
-    """Tell whether so little torque noise is left that all samples should be fitted."""
+    """Return whether the torque noise is so small that all samples should be fitted."""
     noise = np.exp(problem.fit.x[problem.likelihood.shared :].reshape(-1, 4)[:, 2:].min(axis=0))
     return bool((noise / math.sqrt(0.1) < 10 * np.array(SETTINGS.quiet) * _effort(data)).all())
 
@@ -530,7 +530,7 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
         x = problem.fit.x.copy()
         others = np.setdiff1d(np.flatnonzero(problem.fit.free), dropped)
         H = problem.fit.information
-        # Where the others go once these are held at 0.
+        # The minimum over the others once these are fixed at 0.
         if dropped.size:
             x[others] += np.linalg.lstsq(
                 H[np.ix_(others, others)], H[np.ix_(others, dropped)] @ x[dropped], rcond=1e-12

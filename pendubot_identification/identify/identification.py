@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is known of an identification: after each stage, and in the end."""
+"""An identification: its state after each stage, and its result."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """Every criterion's answer, which one is published, and everything that says how far to trust it.
+    """Every criterion's answer, which one is published, and the findings on which its level rests.
 
     Attributes:
         settings: what was asked for.
@@ -37,7 +37,7 @@ class Identification:
         faults: of the recordings.
         interval: between the training samples [s].
         smoothing: the window [s] that made the states.
-        validation: what the predictions are of, in words.
+        validation: which data are predicted, in words.
         link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
         effects: unmodelled effects, the accepted ones first.
         unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None where
@@ -81,23 +81,23 @@ class Identification:
         return self.best.warnings
 
     def compensated(self, motion: Motion) -> Motion:
-        """Return a motion with the torques that act, as far as accepted effects tell them."""
+        """Return a motion with the torques that act, by the accepted effects."""
         return compensated(motion, self.effects, self.best.effort.delay)
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What is known after each stage.
+    """The state of an identification after a stage.
 
     Attributes:
         settings: what was asked for.
         data: the training recordings.
-        validation_motions: motions that only judge.
+        validation_motions: motions for validation alone.
         notes: warnings that came with the data, for every criterion.
         remarks: warnings for the published one.
         faults: of the recordings.
         composite: the likelihood's answer.
-        folds: training data, parts of which judge in turn.
+        folds: the training data, of which each part is predicted from the rest.
         estimates: one a criterion.
     """
 
@@ -123,7 +123,7 @@ class Run:
 
     @property
     def validation(self) -> str:
-        """What the predictions are of."""
+        """Which data are predicted, in words."""
         if self.validation_motions:
             return 'on data that was not used for estimation'
         if len(self.folds) == len(self.data.motions):

@@ -33,7 +33,7 @@ class Linear(NamedTuple):
         residuals: of each recording.
         criterion: all of them together.
         delay: of the effort [s].
-        weights: of the weak criterion's three balances, shape (3,); empty for ``energy``.
+        weights: of the three weak-form residuals, shape (3,); empty for ``energy``.
     """
 
     residuals: list[Regression]

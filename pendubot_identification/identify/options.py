@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a user can choose of an identification: names, defaults, ranges and help, for the command line and ROS alike.
+"""The options of an identification: names, defaults, ranges and help, for the command line and ROS alike.
 
 Nothing heavy is imported here: ``--help`` needs no numpy.
 """
@@ -14,8 +14,8 @@ from pendubot_identification.setting import Setting
 CRITERIA = ('energy', 'weak', 'likelihood')
 #: The effort's delay is searched within these [s].
 DELAYS = (-0.1, 0.1)
-#: A run of MDE stops when its population has come together this closely: then its best J has long been the minimum's
-#: to a relative 1e-6, and what is left of 4000 generations changes nothing that can be seen.
+#: A run of MDE stops when its population has converged this closely: then its best J has long been the minimum to a
+#: relative 1e-6, and the rest of 4000 generations changes no printed digit.
 SPREAD = 1e-9
 
 CRITERION = Setting(

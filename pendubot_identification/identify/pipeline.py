@@ -45,10 +45,10 @@ def identify(
 
     Args:
         training: the motions that estimate; they are pooled.
-        validation: motions that only judge. Without any, each recording of several (or block of time of one or two)
-            is predicted from the others in turn; the estimates themselves use all of them.
+        validation: motions for validation alone. Without any, each recording of several (or block of time of one or
+            two) is predicted from the others in turn; the estimates themselves use all of them.
         settings: see :class:`Settings`.
-        progress: called with what is being done, how much of it is done, of how much (0: not known), and the best J.
+        progress: see :data:`.estimate.Progress`.
         notes: warnings that come with the data, such as a bag that was never closed.
 
     Raises:
@@ -59,8 +59,8 @@ def identify(
     prepared = _prepare(training, validation, settings or Settings(), notes, report)
     checked = _check_conventions(prepared, report)
     fitted = _fit(checked, report)
-    questioned = _check_residuals(fitted, report)
-    return _assess(_validate(questioned, report))
+    tested = _check_residuals(fitted, report)
+    return _assess(_validate(tested, report))
 
 
 def check(
@@ -82,7 +82,7 @@ def _prepare(
     notes: Sequence[str],
     report: Progress,
 ) -> Run:
-    """Smooth the recordings, where the motion tells the parameters at all."""
+    """Smooth the recordings, if their motion is informative at all."""
     report('preparing', 0, 0, math.nan)
     motions, validation_motions = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
     for motion in (*motions, *validation_motions):
@@ -94,7 +94,7 @@ def _prepare(
 
 
 def _check_conventions(run: Run, report: Progress) -> Run:
-    """Look for wrong signs, order, zeros and stamps."""
+    """Check signs, order, zeros and stamps."""
     report('checking signs, zeros and stamps', 0, 0, math.nan)
     return replace(run, faults=_faults(run, run.data.excerpt().motions))
 
@@ -108,7 +108,7 @@ def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
 
 
 def _fit(run: Run, report: Progress) -> Run:
-    """Minimise the likelihood; what accepted effects explain is no fault, but a constant effort: it has an option."""
+    """Minimise the likelihood. A fault that accepted effects explain is none, except an offset, which has an option."""
     if 'likelihood' not in run.settings.criteria:
         return run
     report('weak: rough parameters', 0, 0, math.nan)
@@ -124,36 +124,36 @@ def _fit(run: Run, report: Progress) -> Run:
 
 
 def _check_residuals(run: Run, report: Progress) -> Run:
-    """Add what the innovations say: effects, disturbances, recordings that contradict each other."""
+    """Add the findings of the innovations: effects, disturbances, recordings that contradict each other."""
     if run.composite is None:
         return run
     report('checking whether recordings agree', 0, 0, math.nan)
-    said = remarks(run.composite, run.sound, {fault.name for fault in run.faults})
-    return replace(run, remarks=(*run.remarks, *said))
+    found = remarks(run.composite, run.sound, {fault.name for fault in run.faults})
+    return replace(run, remarks=(*run.remarks, *found))
 
 
 def _validate(run: Run, report: Progress) -> Run:
-    """Let each criterion predict what it was not fitted to."""
+    """Predict, with the answer of each criterion, data that it was not fitted to."""
     validation_motions = [
         Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions
     ]
     split = replace(run, folds=() if validation_motions else tuple(folds(run.data.motions)))
     answers = (validated(c, split, validation_motions, report) for c in run.criteria)
-    # Zeros of single recordings would make up for what is wrong with all of them.
+    # Zeros of single recordings would compensate a fault of all of them.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
     return replace(split, estimates=estimates)
 
 
 def _assess(run: Run) -> Identification:
-    """Say how far to trust each answer, and which one is published."""
+    """Give each answer its level, and select the published one."""
     published = next(run.criteria.index(c) for c in TRUST if c in run.settings.criteria)
     best = run.estimates[published]
     length = link_length(run.data.motions, best.model, best.effort.delay)
-    told = (run.remarks if each is best else run.notes for each in run.estimates)
-    pairs = zip(run.estimates, told, strict=True)
+    findings = (run.remarks if each is best else run.notes for each in run.estimates)
+    pairs = zip(run.estimates, findings, strict=True)
     return Identification(
         settings=run.settings,
-        estimates=tuple(assess(each, run.settings, length, run.faults, said) for each, said in pairs),
+        estimates=tuple(assess(each, run.settings, length, run.faults, notes) for each, notes in pairs),
         published=published,
         faults=run.faults,
         interval=float(np.median([m.interval for m in run.data.motions])),

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What an identification is asked for."""
+"""The settings of an identification."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ PER_VECTOR = MDESettings(per_component=False, spread=SPREAD)
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What is minimised, and how.
+    """The criteria, the model, the data and the optimiser of an identification.
 
-    The fields are those of :data:`.options.OPTIONS`, which says what each of them means; None leaves one open. Some
-    are given otherwise than by a user:
+    The fields are those of :data:`.options.OPTIONS`, which describes each of them; None leaves one open. Some
+    differ from a user's options:
 
     Attributes:
         criteria: option criterion. Of several, the likelihood is published, or else weak.
         delays: option delay, the two ends [s].
         start: the parameters themselves.
         bounds: the search box, of all 14 parameters or the first of them; the others' are then the default ones.
-        reading: how the recordings were read, which tells by what options faults of theirs are mended.
-        applied: those of its options that were found out from the recordings themselves.
+        reading: the conversion of the recordings, from which the options that correct their faults follow.
+        applied: those of its options that were inferred from the recordings.
         compensate: whether unmodelled effects that are sure are estimated along.
 
     Raises:

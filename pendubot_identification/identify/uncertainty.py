@@ -62,8 +62,8 @@ def influence_covariance(
     which recordings differ by more than in the others (F test) has its own variance. Blocks of time take the place of
     recordings if there is one recording, or if the residual is at the quantization level.
 
-    An unmodelled effect biases all recordings alike. It also sets estimates apart that weigh frequencies differently
-    (Hausman, Econometrica 46, 1978): their difference adds to the standard error.
+    An unmodelled effect biases all recordings in the same way. It also sets estimates apart that weigh frequencies
+    differently (Hausman, Econometrica 46, 1978): their difference adds to the standard error.
 
     Args:
         information: the inverse of V, for errors of unit variance, shape (D, D).
@@ -157,7 +157,7 @@ def _spread(parts: Array, inverse: Array) -> Array:
 def _differ(
     own: Array, spread: Array, inverse: Array, total: float, n: float, between: int, significance: float
 ) -> NDArray[np.bool_]:
-    """Tell in which parameters recordings vary more than all other parameters do, each over its curvature."""
+    """Return in which parameters recordings vary more than all other parameters do, each over its curvature."""
     known = inverse > 0
     others = max(int(known.sum()) - 1, 1)
     scale = np.where(known, inverse, 1.0)
@@ -169,7 +169,7 @@ def _differ(
 def correlations(information: Array, free: NDArray[np.bool_]) -> Array:
     """Return the correlations of errors by an information matrix, shape (D, D).
 
-    They are NaN in the rows and columns of what is not free, and of what has a part in a direction that nothing tells.
+    They are NaN in the rows and columns of what is not free, and of what is not identifiable.
     """
     covariance = inverse_information(information, free)
     deviation = np.sqrt(np.where(free & ~unidentifiable(information, free), np.diag(covariance), np.nan))

@@ -133,7 +133,7 @@ class Samples:
         self.notes = {**self.notes, fault: self.notes.get(fault, 0) + count}
 
     def _usable(self, samples: Array) -> NDArray[np.bool_]:
-        """Tell which samples are finite and later than those before them; count the others."""
+        """Return which samples are finite and later than those before them; count the others."""
         usable: NDArray[np.bool_] = np.asarray(np.isfinite(samples).all(axis=1))
         if not usable.all():
             self._note('a number that is not finite', int((~usable).sum()))
@@ -252,7 +252,7 @@ def _weighted_rows(motion: Motion, begin: float, count: int, settings: SegmentSe
 
 
 def _moving(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
-    """Tell whether a joint turns under each test function of the blocks from ``begin`` [s] on, shape (count, K)."""
+    """Return whether a joint turns under each test function of the blocks from ``begin`` [s] on, shape (count, K)."""
     t = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
     turned = np.ptp(motion.states(t)[:2], axis=-1).max(axis=0)
     return np.asarray(turned > STILL).reshape(count, K)

@@ -56,7 +56,7 @@ class StepChange(NamedTuple):
         return cls(kind, kind.directions @ size, np.sqrt((to_step**2).sum(axis=1)), ratio)
 
     def possible(self, x: Array, scale: Array) -> bool:
-        """Tell whether a rig can take this step from the unknowns x, shape (D,)."""
+        """Return whether a rig can take this step from the unknowns x, shape (D,)."""
         after, tolerance = x + self.step, scale / 10
         if (after < SMALLEST * x - tolerance)[:5].any() or (after + 3 * self.std_error < -tolerance)[5:-5].any():
             return False

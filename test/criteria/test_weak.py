@@ -116,7 +116,7 @@ def test_a_delay_of_a_millisecond_is_found_and_does_not_bend_the_answer(rate, de
 
 def test_what_is_shorter_than_a_bump_or_faster_than_a_rig_is_refused():
     short = pulses().window(0, 0.6)
-    with pytest.raises(TrajectoryError, match=r'0\.190 s with known torque are shorter than the bump of 0\.3 s'):
+    with pytest.raises(TrajectoryError, match=r'0\.190 s with known torque are shorter than the test function'):
         weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.4)
     degrees = Trajectory(short.t, np.rad2deg(np.column_stack([9 * short.t, short.t])), short.tau)
     with pytest.raises(TrajectoryError, match=r'the shoulder turns at .* in radians'):

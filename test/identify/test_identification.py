@@ -370,7 +370,7 @@ def test_the_recording_whose_zero_is_off_is_named(turned):
     assert (std_error < np.radians(2)).all()
     assert result.best.zeros.recordings == ('take 1', 'take 2')
     assert result.level > Level.OK
-    assert any('zero is off by' in w or 'look at signs and zeros' in w for w in result.warnings)
+    assert any('zero is off by' in w or 'check signs and zeros' in w for w in result.warnings)
 
 
 MOTION = recording(300)
