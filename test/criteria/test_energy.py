@@ -27,7 +27,7 @@ def swing(interval=0.001, n=3000, elbow=0.0, seed=1):
 
 @pytest.mark.parametrize('model', MODELS)
 @pytest.mark.parametrize('window', [None, 0.3])
-def test_every_models_friction_and_rotor_are_in_the_balance(model, window):
+def test_every_models_friction_and_rotor_are_in_the_energy(model, window):
     theta = (0.06, 0.05, 0.032, 0.23, 0.16, 0.005, 0.004, 0.2, 0.15, 0.0026, 0.1, 0.08, 0.1, 0.08)[: MODELS[model]]
     t = np.arange(4000) / 1000
     tau = np.column_stack([2 * np.sin(4 * t), 0.6 * np.sin(7 * t + 1)])

@@ -119,7 +119,7 @@ def test_one_disturbed_recording_moves_the_answer_less_than_in_least_squares(mov
     assert off(found.theta) < 0.7 * off(plain.theta)
 
 
-def test_the_prior_holds_what_the_errors_do_not_tell(moved):
+def test_the_prior_determines_parameters_that_the_errors_do_not(moved):
     theta = TRUE.copy()
     theta[UNKNOWN] = 0.1
     prior, pull = np.diag(1e-3 / np.maximum(abs(TRUE), 1e-2) ** 2), np.zeros(14)

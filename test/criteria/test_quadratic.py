@@ -81,7 +81,7 @@ def test_bounds_that_leave_no_mass_matrix_are_refused():
         J.minimum(bounds)
 
 
-def test_what_cannot_be_told_is_told():
+def test_undetermined_parameters_are_named():
     phi, y = problem(1)
     phi[:, 2] = 3 * phi[:, 1]
     assert Quadratic.reduce(phi, y).undetermined(1e-6).tolist() == [False, True, True]

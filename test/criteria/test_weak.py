@@ -60,7 +60,7 @@ def smooth_motion(amplitude, frequency, phase, t):
 
 @settings(max_examples=20)
 @given(physical_parameters(), st.integers(0, 10**6))
-def test_residuals_are_missing_torque_and_power_averaged_under_a_bump(parameters, seed):
+def test_residuals_are_missing_torque_and_power_averaged_under_a_test_function(parameters, seed):
     """Independently: M(q) times what lacks in the accelerations, integrated against (1 - x^2)^3."""
     rng = np.random.default_rng(seed)
     t = np.arange(801) / 1000
@@ -96,7 +96,7 @@ def test_every_pulse_counts_once_whatever_jitter_and_delay(seed, delay, jitter):
     np.testing.assert_allclose(total, [*impulse, impulse @ [2, -3]], atol=2e-4)
 
 
-def test_balances_have_residuals_of_one_size_once_weighted():
+def test_weighted_residuals_have_one_size():
     motion, bounds = Motion.prepare(pulses(), 0.02), default_bounds().of(7)
     weights = residual_weights([weak_regression(motion, 'viscous')], bounds)
     parts = weak_regression(motion, 'viscous', weights=weights)
@@ -114,7 +114,7 @@ def test_a_delay_of_a_millisecond_is_found_and_does_not_bend_the_answer(rate, de
     np.testing.assert_allclose(estimate([motion], 'viscous', found), PAPER.vector(), rtol=0.03)
 
 
-def test_what_is_shorter_than_a_bump_or_faster_than_a_rig_is_refused():
+def test_a_motion_shorter_than_a_test_function_or_faster_than_a_rig_is_refused():
     short = pulses().window(0, 0.6)
     with pytest.raises(TrajectoryError, match=r'0\.190 s with known torque are shorter than the test function'):
         weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.4)

@@ -67,7 +67,7 @@ def test_a_hold_that_is_asked_for_stays(asked):
     assert fitted(recording(300, 0.02), hold=asked)[0].data.hold == asked
 
 
-def test_a_torque_that_is_held_is_taken_so():
+def test_a_held_torque_gives_the_zero_order_hold():
     answer, steps = fitted(recording(300, 0.02))
     assert answer.data.hold == 'zero'
     assert 'not held' not in steps

@@ -90,7 +90,7 @@ def test_the_most_trusted_criterion_that_was_asked_for_is_published(criteria, an
     assert result.best.criterion == published
 
 
-def test_progress_is_told_from_beginning_to_end(default):
+def test_progress_is_reported_from_beginning_to_end(default):
     _, told = default
     whats = ' '.join(what for what, *_ in told)
     assert whats.startswith('preparing')
@@ -145,7 +145,7 @@ ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.006
         ),
     ],
 )
-def test_what_is_odd_is_named(motions, settings, sentence):
+def test_odd_recordings_and_results_are_named(motions, settings, sentence):
     result = identify(motions, [], settings, notes=['the bag was never closed'])
     assert result.level > Level.OK
     assert any(sentence in warning for warning in result.warnings)
@@ -168,7 +168,7 @@ def test_the_weak_criterion_needs_no_fine_sampling():
     assert result.best.runs_at_minimum == 10
 
 
-def test_what_the_rig_has_is_chosen_and_no_more():
+def test_the_smallest_model_with_all_of_the_rigs_effects_is_selected():
     """Dry friction at both joints, and a rotor on the elbow."""
     rig = replace(PAPER, Fc1=0.02, Fc2=0.0005, J2=0.0004)
     result = identify([recording(300, rig=rig, seed=3)], [], Settings(hold='zero'))
@@ -214,7 +214,7 @@ def test_a_delay_of_the_effort_is_found():
     assert result.best.exact
 
 
-def test_a_torque_that_was_measured_is_taken_so():
+def test_a_measured_torque_gives_the_first_order_hold():
     """It changes linearly from sample to sample, where one that is commanded is held."""
     t, fine = np.arange(300) * 0.02, np.arange(5980) * 0.001
     torque = np.interp(fine, t, 0.3 * np.random.default_rng(1).choice([-1, 1], 300))
@@ -273,7 +273,7 @@ def test_without_validation_each_recording_or_block_is_predicted_from_the_others
     np.testing.assert_allclose(result.best.prediction.errors, Prediction.pool(parts).errors, rtol=1e-6)
 
 
-def test_three_recordings_have_no_say_in_which_parameters_are_told_apart():
+def test_correlations_do_not_come_from_the_differences_of_three_recordings():
     """How three answers differ has two directions, in which any two parameters go together."""
     motions = [exact_motion(GEARED, 400, 0.01, seed=seed, strength=1.5).recorded for seed in (1, 2, 3)]
     best = identify(motions, settings=Settings(model='coulomb', hold='zero')).best
@@ -286,7 +286,7 @@ def test_three_recordings_have_no_say_in_which_parameters_are_told_apart():
     assert not any(', correlation ' in sentence for sentence in best.advice)
 
 
-def test_validation_only_judges():
+def test_validation_data_do_not_change_the_estimate():
     motions = [recording(250, seed=s) for s in range(3)]
     alone, assessed, other = (identify(motions[:1], v, WEAK).best for v in ([], motions[1:], motions[2:]))
     np.testing.assert_array_equal(alone.theta, assessed.theta)
@@ -307,7 +307,7 @@ def test_the_one_recording_whose_elbow_is_turned_round_is_named():
 
 
 @pytest.mark.parametrize('what', ['torque at random', 'angles at random', 'in quarter turns'])
-def test_what_is_not_physical_or_worse_than_persistence_is_never_ok(what):
+def test_an_unphysical_or_useless_result_is_never_ok(what):
     motion, rng = recording(300, seed=2), np.random.default_rng(1)
     broken = {
         'torque at random': replace(motion, tau=rng.permutation(motion.tau)),
@@ -329,7 +329,7 @@ def test_what_is_not_physical_or_worse_than_persistence_is_never_ok(what):
     st.lists(st.floats(-0.5, 2), min_size=7, max_size=7),
     st.lists(st.floats(0.01, 3), min_size=len(HORIZONS), max_size=len(HORIZONS)),
 )
-def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
+def test_no_dangerous_result_has_the_level_ok(factors, errors):
     theta = TRUTH * factors
     size = np.repeat(np.array(errors)[:, None], 4, axis=1)
     prediction = Prediction(size, np.ones_like(size), np.full(len(HORIZONS), 9))
@@ -345,7 +345,7 @@ def test_nothing_that_could_hurt_is_judged_ok(factors, errors):
     np.testing.assert_array_equal(assessed.theta, theta)
 
 
-def test_a_parameter_on_its_bound_is_named_and_how_far_it_would_move_is_told():
+def test_a_parameter_on_its_bound_is_named_with_its_standard_error():
     bounds = default_bounds().replaced('b1', 0.0, 0.001)
     result = identify([recording(400)], [], replace(WEAK, bounds=bounds))
     assert any(w.startswith('b1 lies on its bound 0.001') for w in result.warnings)
@@ -391,7 +391,7 @@ AT_REST = np.tile(HANGING, (300, 1))
         (MOTION[:100], 'too short for the criteria weak and likelihood'),
     ],
 )
-def test_what_tells_nothing_is_refused_with_a_sentence(motion, sentence):
+def test_uninformative_recordings_are_refused_with_a_sentence(motion, sentence):
     with pytest.raises((ExcitationError, TrajectoryError), match=sentence):
         identify([motion], [], WEAK)
 
@@ -408,7 +408,7 @@ def test_of_a_second_or_two_there_is_an_answer(how, samples):
     assert result.best.prediction.starts.shape == (len(HORIZONS),)
 
 
-def test_energy_needs_no_motion_as_long_as_the_weak_criterions_bump():
+def test_energy_accepts_motions_shorter_than_a_test_function():
     short = identify([recording(125, 0.002)], [recording(300)], ENERGY)
     assert np.isfinite(short.best.theta).all()
     assert np.isnan(short.link_length).all()
@@ -437,7 +437,7 @@ PUBLISHED = np.array([0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.25
 
 
 @pytest.mark.recordings
-def test_a_real_rig_is_predicted_better_than_by_persistence_and_by_what_is_published():
+def test_a_real_rig_is_predicted_better_than_by_persistence_and_by_published_parameters():
     motions = [motion.window(0, 4) for motion in recorded('dfki_C1_sysid', 'train')[:2]]
     result = identify(motions, motions[:1], Settings(model='rotor', hold='zero'))
     prepared = [Motion.prepare(m, result.smoothing, result.best.effort.hold) for m in motions]

@@ -108,7 +108,7 @@ def test_a_clean_rig_has_no_effect(problem):
 
 
 @pytest.mark.parametrize(('right', 'wrong'), [('offset', 'asymmetry'), ('asymmetry', 'offset')])
-def test_a_constant_torque_and_lopsided_friction_are_told_apart(problem, right, wrong):
+def test_a_constant_torque_and_asymmetric_friction_are_distinguished(problem, right, wrong):
     """Both are nearly a constant torque at the shoulder: only slow motion differs."""
     base = problem(right)
     gains = [base.fit.cost - base.with_effects([candidate(base, name, 'shoulder')]).fit.cost for name in (right, wrong)]

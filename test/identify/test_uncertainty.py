@@ -131,7 +131,7 @@ def test_intervals_hold_the_truth_where_recordings_err_by_themselves(recordings)
     assert np.mean(naive) < np.mean(held) - 0.1
 
 
-def test_a_bound_leaves_a_standard_error_and_what_nothing_tells_spoils_no_other():
+def test_a_bound_leaves_a_standard_error_and_unidentifiable_ones_spoil_no_other():
     phi, y, owner = clustered(3, 8)
     free = np.array([True, False, True])
     _, covariance, std_error, *_ = line(phi, y, owner, free)
@@ -146,7 +146,7 @@ def test_a_bound_leaves_a_standard_error_and_what_nothing_tells_spoils_no_other(
     assert untold[1] == np.inf
 
 
-def test_what_cannot_be_told_apart_has_infinite_errors():
+def test_indistinguishable_parameters_have_infinite_errors():
     phi, y, owner = clustered(4, 6)
     phi[..., 1] = 0.3 * phi[..., 0]
     assert np.isinf(line(phi, y, owner)[2]).tolist() == [True, True, False]

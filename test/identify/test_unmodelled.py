@@ -68,7 +68,7 @@ def test_an_effect_is_named_and_compensated(found, cell, name, where):
 @pytest.mark.parametrize(
     ('cell', 'beginning'), [(OFFSET, "the shoulder's effort is off by"), (LAGGING, 'the torque follows')]
 )
-def test_what_is_a_fault_and_an_effect_is_said_once(found, cell, beginning):
+def test_a_fault_that_is_also_an_effect_is_reported_once(found, cell, beginning):
     result, error = found(cell)
     (said,) = result.warnings
     assert said.startswith(beginning)
@@ -76,7 +76,7 @@ def test_what_is_a_fault_and_an_effect_is_said_once(found, cell, beginning):
     assert error < 0.05
 
 
-def test_what_no_catalogue_has_is_said_as_a_fraction_of_the_innovations(found):
+def test_an_effect_outside_the_catalogue_is_a_fraction_of_the_innovations(found):
     result, error = found(('backlash', 2))
     assert result.level is Level.WARN
     (said,) = result.warnings

@@ -55,7 +55,7 @@ def test_parameters_know_the_smallest_model_that_has_them_and_no_vector_drops_on
         *(({name: float('nan')}, name) for name in NAMES),
     ],
 )
-def test_what_no_rig_can_have_is_named(change, named):
+def test_unphysical_values_are_named(change, named):
     (problem, *_) = replace(PAPER, **change).unphysical()
     assert named in problem
 
@@ -100,7 +100,7 @@ def test_bounds_of_an_unknown_parameter_or_infinite_ones_are_refused():
         Bounds(np.zeros(6), np.ones(6))
 
 
-def test_bounds_tell_what_lies_on_them():
+def test_parameters_on_a_bound_are_found():
     bounds, theta = default_bounds().of(7), PAPER.vector()
     assert bounds.names == NAMES[:7]
     assert not bounds.at_bound(theta).any()

@@ -154,7 +154,7 @@ def test_a_gradual_fade_is_one_event_and_followed(rigs):
         ('dead zone', 'dead zone of the motor', 'a dead zone of 0.0'),
     ],
 )
-def test_a_tilt_or_a_dead_zone_is_told_and_parameters_stay_true(rigs, name, kind, warning):
+def test_a_tilt_or_a_dead_zone_is_reported_and_parameters_stay_true(rigs, name, kind, warning):
     _, states, (change,) = follow(rigs[name])
     assert change.kind == kind
     assert change.begin <= AT <= change.end <= AT + 1
@@ -164,7 +164,7 @@ def test_a_tilt_or_a_dead_zone_is_told_and_parameters_stay_true(rigs, name, kind
 
 
 @pytest.mark.parametrize(('name', 'warning'), [('tilted', 'tilted in the plane'), ('dead', 'a dead zone of 0.0')])
-def test_a_tilt_or_a_dead_zone_from_the_beginning_is_told(rigs, name, warning):
+def test_a_tilt_or_a_dead_zone_from_the_beginning_is_reported(rigs, name, warning):
     _, states, events = follow(rigs[name])
     assert not events
     assert all(any(warning in each for each in s.warnings) for s in states if s.t > 10)
@@ -211,7 +211,7 @@ def test_portions_do_not_matter(rigs, data):
     np.testing.assert_allclose([s.theta for s in one], [s.theta for s in many], rtol=1e-6)
 
 
-def test_bad_samples_are_said_and_left_out(rigs):
+def test_bad_samples_are_counted_and_ignored(rigs):
     samples = rigs['nothing'].copy()
     samples[500, 1] = np.nan
     samples[600, 0] = samples[599, 0]
@@ -249,7 +249,7 @@ def test_samples_that_come_one_by_one_after_a_gap_are_samples(rigs):
 
 
 @pytest.mark.parametrize(('start', 'more'), [(None, 1), (Start(delays=(0.0, 0.0)), 3)])
-def test_an_effort_that_comes_later_is_told(rigs, start, more):
+def test_a_change_of_the_input_delay_is_reported(rigs, start, more):
     samples, at = rigs['nothing'][:-more].copy(), round(AT * 200)
     samples[at:, 3] = rigs['nothing'][at + more :, 3]
     tracker, _, (change,) = follow(samples, start)
@@ -269,7 +269,7 @@ def test_short_recordings_are_each_a_beginning(rigs):
     assert tracker.state.t > 16
 
 
-def test_stamps_at_twice_the_rate_are_told(rigs):
+def test_timestamps_at_twice_the_rate_are_reported(rigs):
     samples = rigs['nothing'].copy()
     samples[5000:, 0] = samples[5000, 0] + (samples[5000:, 0] - samples[5000, 0]) / 2
     _, states, events = follow(samples)
@@ -297,7 +297,7 @@ def test_nothing_winds_up_while_nothing_moves(rigs):
     assert tracker.state.level is Level.OK
 
 
-def test_an_effort_at_its_limit_is_said(rigs):
+def test_an_effort_at_its_limit_is_reported(rigs):
     samples = rigs['nothing'].copy()
     samples[7000:, 3] = np.sign(samples[7000:, 3]) * 0.36
     _, states, _ = follow(samples)
@@ -306,7 +306,7 @@ def test_an_effort_at_its_limit_is_said(rigs):
 
 @settings(max_examples=5, deadline=None)
 @given(st.integers(0, 1000), st.sampled_from([0.003, 0.02, 0.1]))
-def test_what_is_published_is_physical_whatever_comes(rigs, seed, size):
+def test_published_parameters_are_physical_whatever_the_samples(rigs, seed, size):
     rng = np.random.default_rng(seed)
     samples = rigs['nothing'][:6000].copy()
     garbage = samples[3000:]
@@ -344,14 +344,14 @@ def test_a_first_motion_that_would_be_an_error_is_none_to_begin_with(rigs):
     assert [told.level for told in tracker.feed(rigs['nothing'][1700:2500])][-1] is Level.OK
 
 
-def test_without_motion_it_waits_and_says_so():
+def test_without_motion_the_tracker_waits_and_reports_it():
     t = np.arange(20000) / 200
     tracker, states, _ = follow(np.column_stack([t, 0 * t - np.pi / 2, 0 * t, 0 * t, 0 * t]))
     assert not states
     assert 'nothing moves' in tracker.waiting
 
 
-def test_a_rig_that_has_what_the_models_lack_is_followed_and_warned_of():
+def test_a_rig_with_unmodelled_effects_is_tracked_with_a_warning():
     names = ('nothing', *SEEN)
     strong = [(CATALOGUE | UNKNOWN)[name][2] for name in SEEN]
     rigs = with_effects([5] * len(names), [Rig(), *strong], seconds=16.0, step=0.001)
@@ -373,7 +373,7 @@ def test_a_payload_on_such_a_rig_is_found_and_named(rigs):
     assert (np.abs(tracker.state.theta - after) < 1.96 * tracker.state.std_error)[:5].all()
 
 
-def test_angles_of_no_encoder_are_not_held_against_one(rigs):
+def test_angles_without_quantization_give_no_warning_of_unmodelled_effects(rigs):
     samples = rigs['nothing'].copy()
     samples[:, 1:3] += np.random.default_rng(0).normal(0, 0.002, samples[:, 1:3].shape)
     _, states, _ = follow(samples)
@@ -387,7 +387,7 @@ def batch_of(rig):
 
 @pytest.mark.recordings
 @pytest.mark.parametrize('rig', RIGS)
-def test_a_real_rig_is_followed_to_what_all_its_recordings_say_together(rig):
+def test_a_real_rig_is_tracked_to_the_parameters_of_all_its_recordings(rig):
     batch, motions = batch_of(rig), recorded(rig, 'train')
     tracker, _, events = follow(strung(motions), Start('rotor'))
     assert not events
@@ -420,6 +420,6 @@ def test_another_real_rig_is_a_change(rigs):
 
 @pytest.mark.recordings
 @pytest.mark.parametrize('rigs', [RIGS, RIGS[::-1]])
-def test_the_file_of_another_real_rig_is_denied(rigs):
+def test_the_result_of_another_real_rig_is_rejected(rigs):
     _, _, events = follow(strung(recorded(rigs[1], 'train')), known(batch_of(rigs[0])))
     assert events[0].kind == 'not as it was identified before'
