@@ -99,6 +99,7 @@ setup(
             'playwright',
             'pyarrow',
             'pytest',
+            'pytest-cov',
             'pytest-timeout',
             'pytest-xdist',
             'ros-jazzy-ament-flake8',
