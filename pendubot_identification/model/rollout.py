@@ -9,7 +9,6 @@ axis of every array holds the simulations, called lanes: they are fastest when t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
@@ -23,8 +22,6 @@ from .dynamics import acceleration_derivatives, accelerations
 
 Array = NDArray[np.float64]
 
-#: With fewer lanes than this, one after the other on floats is faster than all together on arrays.
-FEW = 20
 #: Lanes times steps that numpy linearises together: enough to be fast, few enough to stay in the processor's cache.
 CHUNK = 2048
 
@@ -48,27 +45,11 @@ def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
         kernel.pendubot_roll(compiled.threads, len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
         return states
     states[0] = state if theta.ndim == 1 else state[:, None]
-    if theta.ndim == 1 and lanes[0] < FEW:
-        values = tuple(map(float, theta))
-        for lane in range(lanes[0]):
-            states[1:, :, lane] = _one_by_one(values, state[:, lane], tau[:, :, lane], step)
-        return states
     with np.errstate(all='ignore'):
         x: tuple[Any, ...] = tuple(states[0])
         for k in range(tau.shape[1]):
             x = advance(tuple(theta), x, tau[:, k], step, np)
             states[k + 1] = x
-    return states
-
-
-def _one_by_one(theta: tuple[float, ...], state: Array, tau: Array, step: float) -> Array:
-    states = np.full((tau.shape[1], 4), np.nan)
-    x: tuple[Any, ...] = tuple(map(float, state))
-    try:
-        for k, torques in enumerate(tau.T.tolist()):
-            states[k] = x = advance(theta, x, torques, step, math)
-    except (OverflowError, ValueError, ZeroDivisionError):
-        pass  # floats raise where arrays become infinite; the rest stays NaN
     return states
 
 
