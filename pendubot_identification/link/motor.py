@@ -19,7 +19,7 @@ from pendubot_identification.level import Level
 
 from .clock import MS, SECOND
 from .events import Armed, ArmingFailed, HostConfig, Output
-from .protocol import FAULTS, Hello, Mode, State, Status
+from .protocol import FAULTS, Arm, Command, Hello, Mode, State, Status
 
 ARMING_TIMEOUT = 500 * MS
 #: Requests to arm and to disarm are repeated this often until the board has obeyed them.
@@ -323,13 +323,15 @@ class Motor:
     def _request(self, lock: int, now: int) -> None:
         if self.board is not None:
             self._lock = lock
-            self._output.arm(self.board.boot_id, self._session, lock, self._config.watchdog_ms, now)
+            own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+            self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **own)
             self._sent[self._output.seq] = 0
             self._last_sent = self._last_torque_sent = now
 
     def _send(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
-        self._output.command(mode, torque, self._config.watchdog_ms, self._session, now)
+        own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+        self._output.send(Command, now, mode=mode, torque=torque, **own)
         self._sent[self._output.seq] = torque
         if mode is Mode.TORQUE:
             self._last_torque_sent = now

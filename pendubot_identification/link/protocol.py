@@ -93,8 +93,8 @@ class Command:
     seq: int
     t_us: int
     mode: int
-    watchdog_ms: int
-    torque: int
+    watchdog_ms: int = 0
+    torque: int = 0
     flags: int = 0
     session: int = 0
 
