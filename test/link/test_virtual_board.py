@@ -4,7 +4,7 @@
 """The virtual board's faults, limits on its own plant and settings.
 
 The rules of arming, sessions, watchdog and torque are tested in test/firmware/: on the board in C one by one, on both
-boards against a model (test_ownership.py), and both boards give the same frames (test_link.py).
+boards against a model and against each other (test_ownership.py).
 """
 
 import math
