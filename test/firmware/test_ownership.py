@@ -28,8 +28,8 @@ TRIPPED = {
     'max_travel2': (0, 200, 2**32 - 1),
     'stall_torque': (0, 1, 1, 200_000),
     'stall_ms': (0, 5, 5, 65535),
-    'continuous_ma': (0, 1000, 1000, 65535),
-    'overload_ms': (0, 2, 2, 65535),
+    'continuous_ma': (0, 1000, 3000, 65535),
+    'overload_ms': (0, 2, 5, 65535),
     'max_vbus': (0, 2400, 2400, 2399),
 }
 
