@@ -108,8 +108,6 @@ class SerialPort:
                 # Only now: while this process waits for the processor more may come, is read too, and must not seem to
                 # have arrived before it was sent.
                 arrival = time.monotonic_ns()
-                if not data and _leads_elsewhere(self._port, device):
-                    return 'its path now leads to another device'
             except (OSError, termios.error) as error:
                 return str(error)
             if data:
@@ -139,14 +137,6 @@ def open_port(port: str, baud: int) -> serial.SerialBase:
     with contextlib.suppress(AttributeError, NotImplementedError, ValueError, OSError):
         device.set_low_latency_mode(True)
     return device
-
-
-def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
-    """Return whether a port's path, such as a link of udev, leads to another device than the one that is open."""
-    # Unplugged, it is a dangling link: reading the device soon fails, too.
-    with contextlib.suppress(FileNotFoundError):
-        return isinstance(device, serial.Serial) and os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
-    return False
 
 
 def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
