@@ -334,9 +334,8 @@ class Host:
             self._restarted('its clock and its sequence began again', now)
         if not self._accept(state):
             return
-        status, before = state.status, self.state.status if self.state else 0
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
-        applied = self.state.torque if self.state else 0
+        applied, status = self.state.torque if self.state else 0, state.status
         self.state, self._state_arrival = state, now
         if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_sent >= REPEAT_INTERVAL:
             self._send_zeros(now)
@@ -345,7 +344,7 @@ class Host:
             counters.board_damaged += bool(status & _DAMAGED_FRAME)
             counters.board_overruns += bool(status & _OVERRUN)
             counters.late_samples += bool(status & _LATE)
-        self._motor.follow(state, before, now)
+        self._motor.follow(state, now)
         board_us = self._board_time(state.t_us, now, frames)
         if self._limits is not None and self._board_us is not None:
             self._check_limits(state, board_us - self._board_us, applied, now)
