@@ -68,9 +68,9 @@ class LinkProbe:
         events = []
         while kind := self._read(1)[0]:
             request = _REQUEST.unpack(self._read(_REQUEST.size))
-            t_us, session, boot_id, torque, seq, watchdog_ms, lock, mode, flags = request
+            t_us, session, boot_id, torque, seq, watchdog_ms, lock, mode, _ = request
             if kind == 1:
-                events.append(Command(seq, t_us, mode, watchdog_ms, torque, flags, session))
+                events.append(Command(seq, t_us, mode, watchdog_ms, torque, session))
             elif kind == 2:
                 events.append(Arm(seq, t_us, boot_id, session, lock, watchdog_ms))
             elif kind == 3:

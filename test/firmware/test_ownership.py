@@ -122,7 +122,7 @@ def requests(rng, model, history):
         if kind < 0.45:
             mode = 1 if rng.random() < 0.95 else rng.randrange(256)
             torque = rng.choice([-(2**31), 2**31 - 1, rng.randint(-1_200_000, 1_200_000)])
-            made.append(Command(seq, 0, mode, watchdog_ms, torque, rng.randrange(256), session))
+            made.append(Command(seq, 0, mode, watchdog_ms, torque, session))
         elif kind < 0.75:
             boot_id = model.boot_id if rng.random() < 0.8 else rng.choice([0, model.boot_id ^ 1])
             lock = (model.lock + rng.choice([0, 0, 0, 0, 0, -1, 1])) % 65536
@@ -130,7 +130,7 @@ def requests(rng, model, history):
             made.append(Arm(seq, 0, boot_id, session, lock, watchdog_ms))
         elif kind < 0.8:
             mode, session = rng.choice([(0, session), (2, model.boot_id)])
-            made.append(Command(seq, 0, mode, watchdog_ms, rng.randrange(1000), 0, session))
+            made.append(Command(seq, 0, mode, watchdog_ms, rng.randrange(1000), session))
         elif kind < 0.85:
             made.append(HelloRequest(seq, 0))
         elif kind < 0.95 and history:

@@ -37,7 +37,7 @@ ascii_name = st.text(st.characters(min_codepoint=33, max_codepoint=126), max_siz
 limits = st.builds(Limits, *[u32] * 5, *[u16] * 4)
 messages = st.one_of(
     st.builds(State, u16, u32, i32, i32, i32, i16, u16, u16, u32, u16, u16),
-    st.builds(Command, u16, u32, u8, u16, i32, u8, u32),
+    st.builds(Command, u16, u32, u8, u16, i32, u32),
     st.builds(Hello, u16, u32, u32, u8, u16, u32, u32, i32, u32, ascii_name, u8, u32, u32, u32, limits),
     st.builds(Arm, u16, u32, u32, u32, u16, u16),
     st.builds(HelloRequest, u16, u32),
