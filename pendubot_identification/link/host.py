@@ -99,9 +99,8 @@ class Host:
         self._state_arrival = 0  # [ns]
         self._state_taken = 0  # host time at which the board took the last STATE [ns]
         self._board_us: int | None = None  # board time of the last STATE
-        self._steps: deque[int] = deque(
-            maxlen=SETTINGS.steps
-        )  # of the board's clock between frames that follow each other [us]
+        #: Of the board's clock between frames that follow each other [us].
+        self._steps: deque[int] = deque(maxlen=SETTINGS.steps)
         self._other_version = 0
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
@@ -146,11 +145,10 @@ class Host:
             return Report(Level.ERROR, DISOBEYED)
         if status & _FAULTS:
             return Report(Level.ERROR, names(status & _FAULTS))
+        if wrong := self._unusable or self._contradiction():
+            return Report(Level.ERROR, wrong)
         if self.hello is None:
-            waiting = Report(Level.WARN, 'waiting for the board to say HELLO')
-            return Report(Level.ERROR, self._unusable) if self._unusable else waiting
-        if contradiction := self._contradiction():
-            return Report(Level.ERROR, contradiction)
+            return Report(Level.WARN, 'waiting for the board to say HELLO')
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if not self.armed and (obstacle := self._obstacle(now)):
@@ -369,9 +367,8 @@ class Host:
         self._state_taken = clock.host_time(board_us)
         self.counters.irregular_stamps, self.counters.clock_jumps = clock.irregular, clock.jumps
         if clock.jumps > jumps:
-            self._output.report(
-                Level.WARN, f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; look at its timer"
-            )
+            text = f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; look at its timer"
+            self._output.report(Level.WARN, text)
         if frames == 1 and clock.irregular == irregular and before is not None:
             self._steps.append(board_us - before)
         if clock.wrong_rate and self._output.is_new('rate', now):
@@ -379,12 +376,8 @@ class Host:
         return board_us
 
     def _note_rest(self, state: State, board_us: int) -> None:
-        rest = self._rest
-        if (
-            rest is None
-            or abs(state.enc1 - rest[0]) > SETTINGS.rest_counts
-            or abs(state.enc2 - rest[1]) > SETTINGS.rest_counts
-        ):
+        enc1, enc2, _ = self._rest or (math.inf, math.inf, 0)
+        if max(abs(state.enc1 - enc1), abs(state.enc2 - enc2)) > SETTINGS.rest_counts:
             self._rest = state.enc1, state.enc2, board_us
 
     def _rate_text(self) -> str:
