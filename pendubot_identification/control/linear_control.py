@@ -101,10 +101,10 @@ class Design:
                 f'{parameters.P5:.3g}); this controller needs one that swings out: both above 0'
             )
         A, both = linearise(parameters)
-        Phi, Gamma = sampled(A, both[:, :1], loop.period)
+        Phi, pushes = sampled(A, both, loop.period)
+        Gamma = pushes[:, :1]
         weight = (parameters.P4 + parameters.P5) * GRAVITY
         Q, R = np.diag([1, 1, 0, 0]) / SETTINGS.angle**2, np.eye(1) / (SETTINGS.torque * weight) ** 2
-        _, pushes = sampled(A, both, loop.period)
         disturbance = pushes @ pushes.T * (SETTINGS.disturbance * weight) ** 2 * (0.01 / loop.period)
         noise = np.eye(2) * (2 * math.pi / SETTINGS.counts_per_turn) ** 2 / 12
         try:

@@ -101,10 +101,9 @@ class SerialPort:
 
     def _read(self, device: serial.SerialBase) -> str:
         """Read until the port fails, and return why, or until the link is closed."""
-        wait_and_read = _reader(device)
         while not self._stopping.is_set():
             try:
-                data = wait_and_read()
+                data = _wait_and_read(device)
                 # Only now: while this process waits for the processor more may come, is read too, and must not seem to
                 # have arrived before it was sent.
                 arrival = time.monotonic_ns()
@@ -145,28 +144,19 @@ def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
     return lambda data: device.write(data) == len(data)
 
 
-def _reader(device: serial.SerialBase) -> Callable[[], bytes]:
-    """Return a function that waits for bytes and returns all that are there."""
-
-    def through_pyserial() -> bytes:
-        data: bytes = device.read(1)
-        return data + device.read(device.in_waiting) if data else data
-
-    def directly() -> bytes:
-        data = b''
-        if poll.poll(_READ_TIMEOUT * 1000):
-            with contextlib.suppress(BlockingIOError):
-                data = os.read(descriptor, 4096)
-                if not data:
-                    raise OSError(errno.ENODEV, 'the device is gone')
-        return data
-
+def _wait_and_read(device: serial.SerialBase) -> bytes:
+    """Wait for bytes; return all that are there, none after a while."""
+    data = b''
     if not isinstance(device, serial.Serial):
-        return through_pyserial
+        data = device.read(1)
+        data += device.read(device.in_waiting) if data else b''
     # Not through pyserial: at 1 kHz its reading costs as much as all the rest of the bridge.
-    descriptor, poll = device.fd, select.poll()
-    poll.register(descriptor, select.POLLIN)
-    return directly
+    elif select.select([device.fd], [], [], _READ_TIMEOUT)[0]:
+        with contextlib.suppress(BlockingIOError):
+            data = os.read(device.fd, 4096)
+            if not data:
+                raise OSError(errno.ENODEV, 'the device is gone')
+    return data
 
 
 def _sentence(port: str, trouble: str) -> str:
