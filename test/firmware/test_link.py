@@ -28,7 +28,7 @@ from pendubot_identification.link.protocol import (
     encode,
     frame,
 )
-from test.conftest import ROOT
+from test.link.test_protocol import EXAMPLES, LIMITS, frames_of_the_page
 
 from .building import FIRMWARE, made, need
 from .link_probe import without_version
@@ -80,23 +80,17 @@ class Bench:
 
 
 def test_the_frames_of_the_page(probe):
-    page = (ROOT / 'docs/protocol.md').read_text()
-    rows = dict(re.findall(r'^\| (HELLO_REQUEST|COMMAND|ARM|STATE|HELLO) .* \| `([0-9a-f ]+)` \|$', page, re.MULTILINE))
-    request, command, arm, state, hello = (
-        bytes.fromhex(rows[name]) for name in ('HELLO_REQUEST', 'COMMAND', 'ARM', 'STATE', 'HELLO')
-    )
-    assert probe.decode(request) == [HelloRequest(1, 1000)]
-    assert probe.decode(command) == [Command(7, 250_000, 1, 100, -500_000, session=2882400018)]
-    assert probe.decode(arm) == [Arm(6, 240_000, 3405643777, 2882400018, 3, 100)]
-    limits = Limits(300_000, 60_000, 25_000, 100_000, 500_000, 500, 5000, 2000, 3000)
-    probe.boot(3405643777, firmware='my board 1', limits=limits, build=439041101, torque_constant=200_000)
-    assert probe.sample(0)[1].startswith(b'\0' + hello)
+    frames = frames_of_the_page()
+    for name in ('HELLO_REQUEST', 'COMMAND', 'ARM'):
+        assert probe.decode(frames[name]) == [EXAMPLES[name]]
+    probe.boot(3405643777, firmware='my board 1', limits=LIMITS, build=439041101, torque_constant=200_000)
+    assert probe.sample(0)[1].startswith(b'\0' + frames['HELLO'])
     probe.boot(3405643777)
     for k in range(257):
         probe.sample(734_000 + 1000 * k, -1000, 250)
     probe.receive(encode(Command(5, 0, 0)) + encode(Arm(6, 0, 3405643777, 7, 2, 500)), 999_999)
     probe.receive(encode(Command(7, 0, 1, 500, 500_000, session=7)), 999_999)
-    assert probe.sample(1_000_000, -1000, 250, 5000, 2400) == (500_000, state)
+    assert probe.sample(1_000_000, -1000, 250, 5000, 2400) == (500_000, frames['STATE'])
 
 
 def damaged(rng):
