@@ -153,7 +153,7 @@ class Balancing:
     def silence(self, now: float) -> None:
         """Raise ControlError if no sample has come for the longest gap; to be called several times in that."""
         if self.phase is Phase.RUNNING and now - self._heard > self._bounds.gap:
-            raise ControlError(f'no sample for {now - self._heard:.3f} s; look at the bridge, or this machine paused')
+            raise ControlError(f'no sample for {now - self._heard:.3f} s: look at the bridge, or this machine paused')
 
     def diagnosis(self) -> tuple[Level, str, dict[str, str]]:
         """Return a level, a sentence, and figures by name."""
