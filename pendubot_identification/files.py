@@ -65,7 +65,7 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--fo
     Raises:
         ResultError: the file exists already, or is a folder, or its folder is missing or cannot be written to.
     """
-    with _writing(path):
+    with writing(path):
         if path.is_dir():
             raise ResultError(f'{path} is a folder; name a file in it')
         if not overwrite:
@@ -112,7 +112,7 @@ class OutputFolder:
     def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
         self._made: list[Path] = []
-        with _writing(path):
+        with writing(path):
             try:
                 self._made = [folder for folder in (path, *path.parents) if not folder.exists()]
                 path.mkdir(parents=True, exist_ok=True)
@@ -142,7 +142,7 @@ class OutputFolder:
             ResultError: the system refuses.
         """
         path = self.path / name
-        with _writing(path):
+        with writing(path):
             path.parent.mkdir(exist_ok=True)
         _write_together({path: content})
         return Path(os.path.abspath(path))
@@ -163,12 +163,12 @@ def _write_together(files: Mapping[Path, str | bytes]) -> None:
         for path, content in files.items():
             # A file's name may be no text; as part of one, it is then escaped.
             data = content.encode(errors='backslashreplace') if isinstance(content, str) else content
-            with _writing(path):
+            with writing(path):
                 if path.is_dir():
                     raise ResultError(f'{path} is a folder, where a file is to be written; choose another name')
                 beside[path].write_bytes(data)
         for path, partial in beside.items():
-            with _writing(path):
+            with writing(path):
                 os.replace(partial, path)
     finally:
         for partial in beside.values():
@@ -182,7 +182,8 @@ def _refuse_existing(path: Path, force: str) -> None:
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def writing(path: Path | str) -> Iterator[None]:
+    """Turn an error of the system into a ResultError that names the file."""
     try:
         yield
     except OSError as error:

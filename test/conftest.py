@@ -30,7 +30,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # The same examples at every run where nobody watches; new ones at every run by hand. Speed is not a property.
 hypothesis.settings.register_profile('ci', derandomize=True, deadline=None)
 hypothesis.settings.register_profile('hand', deadline=None)
-hypothesis.settings.register_profile('thorough', deadline=None, max_examples=2000)
 hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'ci' if os.environ.get('CI') else 'hand'))
 
 #: These import it.
@@ -67,7 +66,7 @@ def each_board(request, monkeypatch):
     Only Python's begins elsewhere than hanging (--start, --spread), is late (--delay), has another rig's parameters
     (--parameters) or waits for its computer (--patient): no test of the bridge needs that, but those of nodes that
     swing up do. Trials that drive Python's board without a port need no second one: the same bytes at the same times
-    give the same frames (test/firmware/test_link.py).
+    give the same frames (test/firmware/test_ownership.py).
     """
     from test import processes
 

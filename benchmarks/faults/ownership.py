@@ -62,7 +62,7 @@ def stranger(tap, messages):
 def commands(rng):
     """Mode 1 of any session, as a program writes it that knows the frames and owns nothing."""
     seqs = itertools.count(1)
-    return lambda: [Command(next(seqs) & 0xFFFF, 0, 1, 500, round(MICRO * FOREIGN), 0, int(rng.integers(0, 2**32)))]
+    return lambda: [Command(next(seqs) & 0xFFFF, 0, 1, 500, round(MICRO * FOREIGN), int(rng.integers(0, 2**32)))]
 
 
 def torques_since(rig, begun):
@@ -146,7 +146,7 @@ def usurper(folder, long):
             # The bridge holds the port alone, but for root.
             yield 'another program may not open the port', str(error), os.geteuid() != 0
             return
-        boot_id, order = int(rig.fresh_values()['boot_id']), Command(2, 0, 1, 500, round(MICRO * FOREIGN), 0, 99)
+        boot_id, order = int(rig.fresh_values()['boot_id']), Command(2, 0, 1, 500, round(MICRO * FOREIGN), 99)
         for k in range(50 if long else 3):
             # It cannot hear the board beside the bridge: so it tries all lock numbers that may be.
             requests = [Arm(1, 0, boot_id, 99, lock, 500) for lock in range(k + 1, k + 41)]

@@ -1,7 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The balancer's decisions, without ROS: when to prepare, begin and stop. It never begins again on its own."""
+"""The balancer's decisions, without ROS: when to prepare, begin and stop. It never begins again on its own.
+
+At a fault a method raises ControlError; the caller then calls :meth:`Balancing.stop` and disarms.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from enum import Enum
 
 import numpy as np
 
-from pendubot_identification.errors import ControlError, PendubotError
+from pendubot_identification.errors import ControlError
 from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
@@ -55,7 +58,7 @@ class Balancing:
         self._coming: Plan | None = None
         self._refused: tuple[Parameters, Loop] | None = None
         self._q: Pair | None = None
-        self._heard = self._looked = -math.inf
+        self._heard = -math.inf
         self._upright_since: float | None = None
         self._arming_since: float | None = None
 
@@ -125,20 +128,13 @@ class Balancing:
             The torque to command [N m], None while idle.
 
         Raises:
-            ControlError: it has stopped; command zero torque and disarm.
+            ControlError: it has to be stopped.
         """
         self.silence(now)
         self.readiness.sample(t)
         self._q, self._heard = q, now
         if self.phase is Phase.IDLE:
             return None
-        try:
-            return self._torque(t, now, q, effort)
-        except ControlError as error:
-            self.stop(str(error))
-            raise
-
-    def _torque(self, t: float, now: float, q: Pair, effort: float) -> float:
         if self._controller is None:
             self._arming_since = self._arming_since or t
             if t - self._arming_since > PATIENCE:
@@ -155,20 +151,9 @@ class Balancing:
         return torque
 
     def silence(self, now: float) -> None:
-        """Stop, by ControlError, if no sample has come for the longest gap; to be called several times in that."""
-        paused, self._looked = now - self._looked > self._bounds.gap, now
+        """Raise ControlError if no sample has come for the longest gap; to be called several times in that."""
         if self.phase is Phase.RUNNING and now - self._heard > self._bounds.gap:
-            why = 'the machine paused' if paused else 'look at the bridge'
-            self.stop(f'no sample for {now - self._heard:.3f} s: {why}')
-            raise ControlError(self.stopped)
-
-    def offer(self, theta: list[float]) -> None:
-        """Take a parameter vector; stop, by ControlError, if no rig can have it."""
-        try:
-            self.readiness.offer(theta)
-        except PendubotError as error:
-            self.stop(str(error))
-            raise ControlError(str(error)) from error
+            raise ControlError(f'no sample for {now - self._heard:.3f} s: look at the bridge, or this machine paused')
 
     def diagnosis(self) -> tuple[Level, str, dict[str, str]]:
         """Return a level, a sentence, and figures by name."""

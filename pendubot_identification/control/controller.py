@@ -48,21 +48,13 @@ class ControlMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """Where the controller stops.
+    """Where the controller stops."""
 
-    Attributes:
-        shoulder: farthest that link 1 may be from upright [rad]; hanging is pi away.
-        elbow: farthest that the elbow may turn [rad].
-        speed: fastest joint speed [rad/s].
-        gap: longest time without a sample, and largest age of one [s].
-        swing_up: longest swing-up [s]; 0: none at all.
-    """
-
-    shoulder: float = 6.0
-    elbow: float = 40.0
-    speed: float = 60.0
-    gap: float = 0.1
-    swing_up: float = 30.0
+    shoulder: float = 6.0  #: Farthest that link 1 may be from upright [rad]; hanging is pi away.
+    elbow: float = 40.0  #: Farthest that the elbow may turn [rad].
+    speed: float = 60.0  #: Fastest joint speed [rad/s].
+    gap: float = 0.1  #: Longest time without a sample, and largest age of one [s].
+    swing_up: float = 30.0  #: Longest swing-up [s]; 0: none at all.
 
 
 class Controller:

@@ -66,17 +66,11 @@ def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """The sampled control loop: a torque computed from a sample is applied from the next one on.
+    """The sampled control loop: a torque computed from a sample is applied from the next one on."""
 
-    Attributes:
-        period: between samples [s].
-        lag: delay of the motor behind the board's report [s].
-        limit: largest torque [N m].
-    """
-
-    period: float
-    lag: float = 0.0
-    limit: float = 2.0
+    period: float  #: Between samples [s].
+    lag: float = 0.0  #: Delay of the motor behind the board's report [s].
+    limit: float = 2.0  #: Largest torque [N m].
 
     @property
     def delay(self) -> float:
@@ -86,19 +80,13 @@ class Loop:
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """Regulator and estimator for a rig and a loop.
+    """Regulator and estimator for a rig and a loop."""
 
-    Attributes:
-        parameters: of the rig; ``theta`` has them as plain numbers, which are faster.
-        K: shape (4,); tau = -K x, x predicted over the dead time.
-        L: shape (4, 2); Kalman gain of the positions' innovation.
-    """
-
-    parameters: Parameters
-    theta: tuple[float, ...]
+    parameters: Parameters  #: Of the rig.
+    theta: tuple[float, ...]  #: The same as plain numbers, which are faster.
     loop: Loop
-    K: Array
-    L: Array
+    K: Array  #: Shape (4,); tau = -K x, x predicted over the dead time.
+    L: Array  #: Shape (4, 2); Kalman gain of the positions' innovation.
 
     @classmethod
     def make(cls, parameters: Parameters, loop: Loop) -> Design:
@@ -113,10 +101,10 @@ class Design:
                 f'{parameters.P5:.3g}); this controller needs one that swings out: both above 0'
             )
         A, both = linearise(parameters)
-        Phi, Gamma = sampled(A, both[:, :1], loop.period)
+        Phi, pushes = sampled(A, both, loop.period)
+        Gamma = pushes[:, :1]
         weight = (parameters.P4 + parameters.P5) * GRAVITY
         Q, R = np.diag([1, 1, 0, 0]) / SETTINGS.angle**2, np.eye(1) / (SETTINGS.torque * weight) ** 2
-        _, pushes = sampled(A, both, loop.period)
         disturbance = pushes @ pushes.T * (SETTINGS.disturbance * weight) ** 2 * (0.01 / loop.period)
         noise = np.eye(2) * (2 * math.pi / SETTINGS.counts_per_turn) ** 2 / 12
         try:
@@ -185,18 +173,12 @@ def _effects(rig: Parameters, period: float, delay: float, span: float) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Stability margins: how far the rig may differ from the design, in one respect at a time.
+    """Stability margins: how far the rig may differ from the design, in one respect at a time."""
 
-    Attributes:
-        gain_down, gain_up: smallest and largest factor of the torque.
-        phase: [rad].
-        delay: dead time in addition to the designed one [s].
-    """
-
-    gain_down: float
-    gain_up: float
-    phase: float
-    delay: float
+    gain_down: float  #: Smallest factor of the torque.
+    gain_up: float  #: Largest factor of the torque.
+    phase: float  #: [rad]
+    delay: float  #: Dead time in addition to the designed one [s].
 
 
 def margins(design: Design, rig: Parameters | None = None) -> Margins:

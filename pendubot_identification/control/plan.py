@@ -45,18 +45,12 @@ SETTINGS = PlanSettings()
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A design and the result of its closed-loop simulation.
-
-    Attributes:
-        design: from the parameters.
-        margins: of the design.
-        swing_up: when the rig is upright in simulation [s]; infinite if never, NaN if not simulated.
-        sufficient: a torque limit [N m] that swings it up where the loop's does not; infinite if none does.
-    """
+    """A design and the result of its closed-loop simulation."""
 
     design: Design
     margins: Margins
-    swing_up: float = math.nan
+    swing_up: float = math.nan  #: When the rig is upright in simulation [s]; infinite if never, NaN if not simulated.
+    #: A torque limit [N m] that swings it up where the loop's does not; infinite if none does.
     sufficient: float = math.nan
 
     @classmethod

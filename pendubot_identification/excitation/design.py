@@ -59,18 +59,13 @@ IDENTIFIABLE = NAMES.index('k2')
 class Experiment:
     """How a motion is recorded.
 
-    Attributes:
-        duration: of the excitation, from hanging at rest [s].
-        interval: between samples [s].
-        counts: encoder counts per turn.
-
     Raises:
         ParameterError: such a motion has no information.
     """
 
-    duration: float = 18.0
-    interval: float = 0.01
-    counts: int = 4000
+    duration: float = 18.0  #: Of the excitation, from hanging at rest [s].
+    interval: float = 0.01  #: Between samples [s].
+    counts: int = 4000  #: Encoder counts per turn.
 
     def __post_init__(self) -> None:
         if not (1e-4 <= self.interval <= 0.1 and 1 <= self.duration <= 600):
@@ -86,17 +81,13 @@ class Experiment:
 class Limits:
     """The limits of a rig.
 
-    Attributes:
-        torque: greatest torque, either way [N m].
-        speed: greatest speed of either joint [rad/s].
-        angle: how far shoulder and elbow may turn away from hanging, either way [rad].
-
     Raises:
         ParameterError: a limit that is no positive number.
     """
 
-    torque: float = 1.0
-    speed: float = 30.0
+    torque: float = 1.0  #: Greatest torque, either way [N m].
+    speed: float = 30.0  #: Greatest speed of either joint [rad/s].
+    #: How far shoulder and elbow may turn away from hanging, either way [rad].
     angle: tuple[float, float] = (math.inf, math.inf)
 
     def __post_init__(self) -> None:
@@ -115,22 +106,14 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """The predicted motion and information of an excitation.
-
-    Attributes:
-        train: the excitation.
-        std_error: of each parameter, from this motion alone and encoder quantization, shape (D,); infinite if the
-            parameter is not identifiable.
-        log_information: logarithm of the determinant of the information, parameters in units of their values.
-        speed: greatest speed of shoulder and elbow [rad/s], shape (2,).
-        angle: how far they turn away from hanging [rad], shape (2,).
-    """
+    """The predicted motion and information of an excitation."""
 
     train: PulseTrain
+    #: Of each parameter, from this motion alone and encoder quantization, shape (D,); infinite if not identifiable.
     std_error: Array
-    log_information: float
-    speed: Array
-    angle: Array
+    log_information: float  #: Logarithm of the determinant of the information, parameters in units of their values.
+    speed: Array  #: Greatest speed of shoulder and elbow [rad/s], shape (2,).
+    angle: Array  #: How far they turn away from hanging [rad], shape (2,).
 
 
 def predict(
@@ -202,14 +185,8 @@ def design(
             progress(generation, found[0].log_information if found else math.nan)
 
     box = Bounds(np.zeros(len(COORDINATES)), np.ones(len(COORDINATES)), COORDINATES)
-    mde(
-        costs,
-        box,
-        MDESettings(SETTINGS.population, generations, per_component=False),
-        runs=1,
-        seed=seed,
-        progress=report,
-    )
+    settings = MDESettings(SETTINGS.population, generations, per_component=False)
+    mde(costs, box, settings, runs=1, seed=seed, progress=report)
     if not found:
         raise ExcitationError(
             f'no pulses up to {limits.torque:g} N m were found that identify all parameters, stay below '

@@ -21,28 +21,21 @@ class PulseTrain:
 
     The paper's numbers for period and torque range were lost; the defaults move the virtual rig well.
 
-    Attributes:
-        period: from one pulse to the next [s].
-        width: the pulse's length as a fraction of the period (the paper's 5 %).
-        amplitude_min, amplitude_max: least and greatest torque within a pulse [N m].
-        hold: how long each random torque is held [s].
-        seed: same seed, same torque.
-
     Raises:
         ParameterError: a number that makes no sense.
     """
 
-    period: float = 1.0
-    width: float = 0.05
-    amplitude_min: float = -1.0
-    amplitude_max: float = 1.0
-    hold: float = 0.01
-    seed: int = 1
+    period: float = 1.0  #: From one pulse to the next [s].
+    width: float = 0.05  #: The pulse's length as a fraction of the period (the paper's 5 %).
+    amplitude_min: float = -1.0  #: Least torque within a pulse [N m].
+    amplitude_max: float = 1.0  #: Greatest torque within a pulse [N m].
+    hold: float = 0.01  #: How long each random torque is held [s].
+    seed: int = 1  #: Same seed, same torque.
 
     def __post_init__(self) -> None:
-        for name in ('period', 'hold'):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise ParameterError(f'{name} is {getattr(self, name):g} s; a time above 0 is expected')
+        for name, time in (('period', self.period), ('hold', self.hold)):
+            if not 0 < time < np.inf:
+                raise ParameterError(f'{name} is {time:g} s; a time above 0 is expected')
         if not 0 < self.width <= 1:
             raise ParameterError(
                 f'width is {self.width:g}; a fraction of the period, above 0 and at most 1, is expected'

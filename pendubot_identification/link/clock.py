@@ -135,9 +135,10 @@ class BoardClock:
             self._bucket_end = board_us + self._span_us
             while self._minima and self._minima[0].board_us < board_us - SETTINGS.window_us:
                 self._minima.popleft()
-            point = _Point(board_us, delay_ns)
-            self._refit(point)
-            self._minima.append(point)
+            if len(self._minima) >= SETTINGS.fewest:
+                self._follow()
+            self._minima.append(_Point(board_us, delay_ns))
+            self._intercept = min(self._below(*point) for point in self._minima)
         elif delay_ns < self._minima[-1].delay_ns:
             self._minima[-1] = _Point(board_us, delay_ns)
         self._intercept = min(self._intercept, self._below(board_us, delay_ns))
@@ -167,22 +168,16 @@ class BoardClock:
 
     def _coarsen(self) -> None:
         """Make one bucket of each two."""
-        minima = list(self._minima)
+        minima, self._span_us = list(self._minima), 2 * self._span_us
         self._minima.clear()
         self._minima.extend(min(pair, key=lambda p: p.delay_ns) for pair in zip(minima[::2], minima[1::2], strict=True))
-        self._span_us *= 2
 
-    def _refit(self, newest: _Point) -> None:
-        """Fit the line again, once a bucket."""
-        if len(self._minima) >= SETTINGS.fewest:
-            self._follow(self._minima)
-        self._intercept = min(self._below(*point) for point in (*self._minima, newest))
-
-    def _follow(self, minima: deque[_Point]) -> None:
-        """Move the slope towards that of the hull's edge that spans the middle of the window.
+    def _follow(self) -> None:
+        """Move the slope, once a bucket, towards that of the hull's edge that spans the middle of the window.
 
         Of all lines under the points that edge is nearest to them on average.
         """
+        minima = self._minima
         seen_us, count = minima[-1].board_us - minima[0].board_us, len(minima)
         middle = (minima[0].board_us + minima[-1].board_us) / 2
         left, right = next(edge for edge in pairwise(_lower_hull(minima)) if edge[1].board_us >= middle)

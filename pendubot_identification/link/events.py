@@ -13,7 +13,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 
 from .clock import SECOND, WRAP
-from .protocol import Arm, Command, HelloRequest, Mode, encode
+from .protocol import Arm, Command, HelloRequest, encode
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class Counters:
 
     received: int = 0  #: Frames that were whole.
     published: int = 0  #: Samples.
-    lost: int = 0  #: Frames missing by their numbers, those that arrived damaged among them.
+    lost: int = 0  #: Frames missing by their numbers while the link was up, those that arrived damaged among them.
     duplicates: int = 0  #: Frames that came twice.
     out_of_order: int = 0  #: Frames that came after a later one.
     damaged: dict[str, int] = field(default_factory=dict)  #: Frames, by reason.
@@ -131,24 +131,10 @@ class Output:
         events, self._events = self._events, []
         return events
 
-    def request_hello(self, now: int) -> None:
-        """Ask the board who it is, at ``now`` [ns]."""
-        self._send(HelloRequest(self._next_seq(), now // 1000 % WRAP))
-
-    def command(self, mode: Mode, torque: int, watchdog_ms: int, session: int, now: int) -> None:
-        """Command a torque [micro-N m] or disarm, at ``now`` [ns]."""
-        self._send(Command(self._next_seq(), now // 1000 % WRAP, mode, watchdog_ms, torque, session=session))
-
-    def arm(self, boot_id: int, session: int, lock: int, watchdog_ms: int, now: int) -> None:
-        """Ask the board to obey a session from now on, at ``now`` [ns]."""
-        self._send(Arm(self._next_seq(), now // 1000 % WRAP, boot_id, session, lock, watchdog_ms))
-
-    def _next_seq(self) -> int:
+    def send(self, message: type[HelloRequest | Command | Arm], now: int, **fields: int) -> None:
+        """Send a message of these fields under the next number, at ``now`` [ns]; a closed port takes nothing."""
         self.seq = (self.seq + 1) & 0xFFFF
         self.frames += 1
-        return self.seq
-
-    def _send(self, message: HelloRequest | Command | Arm) -> None:
         if self.open:
-            self.data += encode(message)
+            self.data += encode(message(self.seq, now // 1000 % WRAP, **fields))
             self.counters.sent += 1

@@ -70,11 +70,6 @@ class Health:
             values['torque limit [N m]'] = min(host.torque_limit, hello.torque_limit / 1e6)
             if hello.torque_constant:
                 values['torque constant [N m/A]'] = hello.torque_constant / 1e6
-            limits = hello.limits
-            values['speed limit [rad/s]'] = limits.max_speed / 1e3
-            values['travel limits [rad]'] = f'{limits.max_travel1 / 1e3:g}, {limits.max_travel2 / 1e3:g}'
-            values['slew limit [N m/s]'] = limits.torque_slew / 1e3
-            values['stall limit'] = f'{limits.stall_torque / 1e6:g} N m for {limits.stall_ms / 1e3:g} s'
-            values['current limit'] = f'{limits.continuous_ma / 1e3:g} A, twice that for {limits.overload_ms / 1e3:g} s'
-            values['supply limit [V]'] = limits.max_vbus / 100
+            # By the names and in the units of the protocol, and of the firmware's rig.h.
+            values |= asdict(hello.limits)
         return Diagnosis(level, message, {name: str(value) for name, value in values.items()})

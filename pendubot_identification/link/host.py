@@ -7,9 +7,9 @@ Nothing here reads a clock or a port. Every method that something can follow fro
 any clock that never goes back] and returns events; what has to be written to the board is fetched by
 :meth:`Host.data_to_send` afterwards.
 
-A STATE's way: :meth:`Host.receive` has the bytes decoded, its number is checked (``sequence``), it is compared with
-what was sent (``motor``), its time is mapped to the host's (``clock``), the limits are checked (``limits``), its counts
-become positions and velocities (``joints``), and a :class:`.events.Sample` is returned.
+A STATE's way: :meth:`Host.receive` has the bytes decoded, its number is checked, it is compared with what was sent
+(``motor``), its time is mapped to the host's (``clock``), the limits are checked (``limits``), its counts become
+positions and velocities (``joints``), and a :class:`.events.Sample` is returned.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ from .events import ArmingFailed, HostConfig, HostEvent, Output, Report, Sample
 from .joints import Joints
 from .limits import LimitMonitor
 from .motor import DISOBEYED, REPEAT_INTERVAL, Motor, names
-from .protocol import FAULTS, VERSION, Damaged, Decoder, Hello, Limits, Mode, State, Status
-from .sequence import Sequence
+from .protocol import FAULTS, VERSION, Command, Damaged, Decoder, Hello, HelloRequest, Limits, Mode, State, Status
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +79,7 @@ class Host:
         self.clock = BoardClock()
         self.state: State | None = None
         self._decoder = Decoder()
-        self._sequence = Sequence(self.counters)
+        self._seq: int | None = None  # of the last frame, while the link is up
         self._joints = Joints(self.config, self._output)
         self._motor = Motor(self.config, self._output, new_session)
         # The link
@@ -100,9 +99,8 @@ class Host:
         self._state_arrival = 0  # [ns]
         self._state_taken = 0  # host time at which the board took the last STATE [ns]
         self._board_us: int | None = None  # board time of the last STATE
-        self._steps: deque[int] = deque(
-            maxlen=SETTINGS.steps
-        )  # of the board's clock between frames that follow each other [us]
+        #: Of the board's clock between frames that follow each other [us].
+        self._steps: deque[int] = deque(maxlen=SETTINGS.steps)
         self._other_version = 0
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
@@ -147,11 +145,10 @@ class Host:
             return Report(Level.ERROR, DISOBEYED)
         if status & _FAULTS:
             return Report(Level.ERROR, names(status & _FAULTS))
+        if wrong := self._unusable or self._contradiction():
+            return Report(Level.ERROR, wrong)
         if self.hello is None:
-            waiting = Report(Level.WARN, 'waiting for the board to say HELLO')
-            return Report(Level.ERROR, self._unusable) if self._unusable else waiting
-        if contradiction := self._contradiction():
-            return Report(Level.ERROR, contradiction)
+            return Report(Level.WARN, 'waiting for the board to say HELLO')
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if not self.armed and (obstacle := self._obstacle(now)):
@@ -174,7 +171,7 @@ class Host:
     def opened(self, now: int) -> list[HostEvent]:
         """Note that the port was opened; ask who is there: it need not be the board that was there before."""
         self._decoder = Decoder()
-        self._sequence.allow_gap()
+        self._seq = None
         self._output.open = True
         # A delimiter, or a frame that another host left unfinished would take the first one along.
         self._output.data = b'\0'
@@ -232,7 +229,7 @@ class Host:
             self.counters.link_losses += 1
             self._output.report(Level.ERROR, f'link lost: nothing valid for {(now - self._last_valid) / SECOND:.2f} s')
             self._motor.stop('the link was lost', now)
-            self._sequence.allow_gap()
+            self._seq = None
             self._ask(now)
         elif self._output.open and self._asking and now - self._last_request >= SETTINGS.hello_interval:
             if self._unanswered == SETTINGS.unanswered:
@@ -270,7 +267,7 @@ class Host:
         """Have the board remember until it restarts that its zeros were confirmed, for other hosts too."""
         self._zeros_sent = now
         if self.hello is not None:
-            self._output.command(Mode.CONFIRM_ZEROS, 0, 0, self.hello.boot_id, now)
+            self._output.send(Command, now, mode=Mode.CONFIRM_ZEROS, session=self.hello.boot_id)
 
     def _obstacle(self, now: int) -> str:
         """Return why the motor must not be armed, and what to do; empty where it may be."""
@@ -333,11 +330,10 @@ class Host:
     def _on_state(self, state: State, now: int) -> None:
         if self._has_restarted(state, now):
             self._restarted('its clock and its sequence began again', now)
-        if not self._sequence.accept(state.seq, self._is_later(state)):
+        if not self._accept(state):
             return
-        status, before = state.status, self.state.status if self.state else 0
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
-        applied = self.state.torque if self.state else 0
+        applied, status = self.state.torque if self.state else 0, state.status
         self.state, self._state_arrival = state, now
         if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_sent >= REPEAT_INTERVAL:
             self._send_zeros(now)
@@ -346,7 +342,7 @@ class Host:
             counters.board_damaged += bool(status & _DAMAGED_FRAME)
             counters.board_overruns += bool(status & _OVERRUN)
             counters.late_samples += bool(status & _LATE)
-        self._motor.follow(state, before, now)
+        self._motor.follow(state, now)
         board_us = self._board_time(state.t_us, now, frames)
         if self._limits is not None and self._board_us is not None:
             self._check_limits(state, board_us - self._board_us, applied, now)
@@ -371,9 +367,8 @@ class Host:
         self._state_taken = clock.host_time(board_us)
         self.counters.irregular_stamps, self.counters.clock_jumps = clock.irregular, clock.jumps
         if clock.jumps > jumps:
-            self._output.report(
-                Level.WARN, f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; look at its timer"
-            )
+            text = f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; look at its timer"
+            self._output.report(Level.WARN, text)
         if frames == 1 and clock.irregular == irregular and before is not None:
             self._steps.append(board_us - before)
         if clock.wrong_rate and self._output.is_new('rate', now):
@@ -381,12 +376,8 @@ class Host:
         return board_us
 
     def _note_rest(self, state: State, board_us: int) -> None:
-        rest = self._rest
-        if (
-            rest is None
-            or abs(state.enc1 - rest[0]) > SETTINGS.rest_counts
-            or abs(state.enc2 - rest[1]) > SETTINGS.rest_counts
-        ):
+        enc1, enc2, _ = self._rest or (math.inf, math.inf, 0)
+        if max(abs(state.enc1 - enc1), abs(state.enc2 - enc2)) > SETTINGS.rest_counts:
             self._rest = state.enc1, state.enc2, board_us
 
     def _rate_text(self) -> str:
@@ -412,8 +403,7 @@ class Host:
             self._restarted('it has a new boot_id', now)
         elif self._has_restarted(hello, now):
             self._restarted('its clock and its sequence began again', now)
-        self._sequence.accept(hello.seq, self._is_later(hello))
-        self._sequence.confirm_gap()
+        self._accept(hello)
         self._boot_id = hello.boot_id
         self._unanswered = 0
         before, self._unusable = self._unusable, self._why_unusable(hello)
@@ -463,13 +453,24 @@ class Host:
             'correct its firmware'
         )
 
-    def _is_later(self, frame: State | Hello) -> bool:
-        """Return whether the board's clock went on since the last STATE; it may have wrapped."""
-        return self.state is not None and 0 < (frame.t_us - self.state.t_us) % WRAP < WRAP // 2
+    def _accept(self, frame: State | Hello) -> bool:
+        """Count frames by their numbers; return whether to use this one: it is no duplicate, and not too late."""
+        step = 1 if self._seq is None else (frame.seq - self._seq) & 0xFFFF
+        if step == 0:
+            self.counters.duplicates += 1
+            return False
+        # While this program was stopped, numbers may have gone more than half round: then the board's clock decides.
+        later = self.state is not None and 0 < (frame.t_us - self.state.t_us) % WRAP < WRAP // 2
+        if step >= 0x8000 and not later:
+            self.counters.out_of_order += 1
+            return False
+        self._seq = frame.seq
+        self.counters.lost += step - 1
+        return True
 
     def _has_restarted(self, frame: State | Hello, now: int) -> bool:
         """Return whether the clock went back, and did not wrap, in a frame that does not follow the one before."""
-        if self.state is None or self._sequence.follows(frame.seq):
+        if self.state is None or (self._seq is not None and frame.seq == (self._seq + 1) & 0xFFFF):
             return False
         if self.state.t_us - frame.t_us <= SETTINGS.clock_back_us:
             return False
@@ -486,7 +487,7 @@ class Host:
         self._limits = None
         self._steps.clear()
         self._board_us = self._rest = None
-        self._sequence.begin()
+        self._seq = None
         self.clock.restart()
         self._joints.restart()
         self.state = None
@@ -511,7 +512,7 @@ class Host:
         self._asking = True
         self._unanswered += 1
         self._last_request = now
-        self._output.request_hello(now)
+        self._output.send(HelloRequest, now)
 
 
 def _introduction(hello: Hello) -> str:

@@ -19,7 +19,7 @@ from pendubot_identification.level import Level
 
 from .clock import MS, SECOND
 from .events import Armed, ArmingFailed, HostConfig, Output
-from .protocol import FAULTS, Hello, Mode, State, Status
+from .protocol import FAULTS, Arm, Command, Hello, Mode, State, Status
 
 ARMING_TIMEOUT = 500 * MS
 #: Requests to arm and to disarm are repeated this often until the board has obeyed them.
@@ -28,6 +28,8 @@ REPEAT_INTERVAL = 50 * MS
 IN_FLIGHT = 200 * MS
 #: What is reported while the board goes on without obeying the request to disarm.
 DISOBEYED = 'the board does not obey the request to disarm: press the emergency stop, then look at its wiring'
+#: In the place of a STATE before the first.
+_NO_STATE = State(0, 0, 0, 0, 0, 0, 0, 0, 0)
 #: The numbers of frames wrap here.
 _SEQS = 1 << 16
 
@@ -74,14 +76,11 @@ class Motor:
         self._arm_seq = 0  # number of the first ARM of this arming
         self._disarming_since: int | None = None  # until a STATE shows a mode 0 obeyed
         self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
-        self._obeyed = 0  # number of the frame that the last STATE obeyed
-        self._applied = 0  # torque of the last STATE
-        self._moved = False  # whether the last STATE was armed or had a torque
+        self._before = _NO_STATE  # the last STATE
         self._refused: int | None = None
         self._last_foreign = -SECOND
         self._torque = 0
         self._effort_not_finite = False
-        self._faults_reported = 0
         self._last_effort = 0
         self._last_sent = 0
         self._last_torque_sent = -SECOND
@@ -103,7 +102,7 @@ class Motor:
 
     def restarted(self) -> None:
         """Note that the board restarted: it is disarmed, and knows of no session."""
-        self.board = None
+        self.board, self._before = None, _NO_STATE
         self._disarming_since = self._refused = None
         self.disobeyed = False
 
@@ -118,7 +117,7 @@ class Motor:
             self._arming_since = now
             self._lock = None
             self._torque = 0
-            self.effort_stopped = self._effort_not_finite = False
+            self.effort_stopped = False
             self._go_on_arming(state, now)
 
     def stop(self, reason: str, now: int, wanted: bool = False) -> None:
@@ -198,11 +197,10 @@ class Motor:
         elif now - self._last_sent >= self.watchdog_ns // 4:
             self._send(Mode.TORQUE, now)
 
-    def follow(self, state: State, before: int, now: int) -> None:
-        """Compare a STATE with what was sent; ``before`` is the status before it, 0 where there was none."""
+    def follow(self, state: State, now: int) -> None:
+        """Compare a STATE with what was sent, and with the one before it."""
         status = state.status
-        risen = status & ~before
-        if status & _FAULTS:
+        if risen := status & ~self._before.status:
             self._report_faults(risen & _FAULTS, now)
         if risen & _WATCHDOG:
             self._counters.trips += 1
@@ -216,13 +214,12 @@ class Motor:
             if not status & (_FAULTS | _WATCHDOG):
                 self._output.report(Level.ERROR, reason)
             self.stop(reason, now)
-        self._obeyed, self._applied = state.cmd_seq, state.torque
-        self._moved = bool(status & _ARMED or state.torque)
+        self._before = state
 
     def _follow_disarmed(self, state: State, risen: int, now: int) -> None:
-        moves = bool(state.status & _ARMED or state.torque)
+        moves, moved = (bool(each.status & _ARMED or each.torque) for each in (state, self._before))
         # From off to on without an ARM of this host, or on although it was disarmed.
-        foreign = moves and (self._disarming_since is None or not (self._moved or state.lock == self._lock))
+        foreign = moves and (self._disarming_since is None or not (moved or state.lock == self._lock))
         if foreign:
             self.lost = 'another program armed the motor, or a bridge that was killed'
             if self._output.is_new('armed by another', now):
@@ -289,9 +286,10 @@ class Motor:
         if not state.status & _SLEW:
             return wanted, wanted
         # On its way from the torque before, past those that were wanted in between.
-        steps = (state.cmd_seq - self._obeyed) % _SEQS if self._is_own(self._obeyed) else 0
-        passed = [self._sent[(state.cmd_seq - k) % _SEQS] for k in range(1, min(steps, 1000))]
-        return min(wanted, self._applied, *passed), max(wanted, self._applied, *passed)
+        before = self._before
+        steps = (state.cmd_seq - before.cmd_seq) % _SEQS if self._is_own(before.cmd_seq) else 0
+        passed = [wanted, before.torque, *(self._sent[(state.cmd_seq - k) % _SEQS] for k in range(1, min(steps, 1000)))]
+        return min(passed), max(passed)
 
     def _count_refused(self, state: State, now: int) -> None:
         """Count the requests of others that the board refused, and report them."""
@@ -307,11 +305,8 @@ class Motor:
 
     def _report_faults(self, risen: int, now: int) -> None:
         # Some faults come and go, such as a supply that sags whenever the motor pulls.
-        if self._output.is_new('fault', now):
-            self._faults_reported = 0
-        if unreported := risen & ~self._faults_reported:
-            self._faults_reported |= unreported
-            self._output.report(Level.ERROR, f'the board reports a fault: {names(unreported)}')
+        if new := sum(bit for bit in Status if bit & risen and self._output.is_new(str(bit.name), now)):
+            self._output.report(Level.ERROR, f'the board reports a fault: {names(new)}')
 
     def _is_own(self, seq: int) -> bool:
         """Return whether a frame was sent since the last disarming began; of a long time, in its last half minute."""
@@ -323,13 +318,15 @@ class Motor:
     def _request(self, lock: int, now: int) -> None:
         if self.board is not None:
             self._lock = lock
-            self._output.arm(self.board.boot_id, self._session, lock, self._config.watchdog_ms, now)
+            own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+            self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **own)
             self._sent[self._output.seq] = 0
             self._last_sent = self._last_torque_sent = now
 
     def _send(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
-        self._output.command(mode, torque, self._config.watchdog_ms, self._session, now)
+        own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+        self._output.send(Command, now, mode=mode, torque=torque, **own)
         self._sent[self._output.seq] = torque
         if mode is Mode.TORQUE:
             self._last_torque_sent = now

@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 VERSION = 2
@@ -93,9 +94,8 @@ class Command:
     seq: int
     t_us: int
     mode: int
-    watchdog_ms: int
-    torque: int
-    flags: int = 0
+    watchdog_ms: int = 0
+    torque: int = 0
     session: int = 0
 
 
@@ -178,23 +178,32 @@ class Damaged:
 Message = State | Command | Hello | HelloRequest | Arm
 Event = Message | Damaged
 
-_HEADER = struct.Struct('<BBHI')
-_CRC = struct.Struct('<I')
-_TYPES: dict[int, type] = {0x01: State, 0x02: Command, 0x03: Hello, 0x04: HelloRequest, 0x05: Arm}
-_NUMBERS = {kind: number for number, kind in _TYPES.items()}
-_UNITS = ('watchdog_max_ms', 'cpr1', 'cpr2', 'torque_limit', 'sample_period_us')
-_HELLO = ('boot_id', 'reset_cause', 'fault_cause', *_UNITS, 'fault_pc', 'build', 'torque_constant')
-_LIMITS = tuple(field.name for field in fields(Limits))
-#: What follows the header, and which fields it has; a HELLO's limits stand before its name.
-_PAYLOADS: dict[type, tuple[struct.Struct, tuple[str, ...]]] = {
-    State: (struct.Struct('<iiihHHIHH'), State._fields[2:]),
-    Command: (struct.Struct('<BBHiI'), ('mode', 'flags', 'watchdog_ms', 'torque', 'session')),
-    Hello: (struct.Struct('<IBBHIIiIIIIIIIIIHHHH16s'), (*_HELLO, *_LIMITS, 'firmware')),
-    HelloRequest: (struct.Struct(''), ()),
-    Arm: (struct.Struct('<IIHH'), ('boot_id', 'session', 'lock', 'watchdog_ms')),
+_LIMITS = [f'limits.{field.name}' for field in fields(Limits)]
+_UNITS = ['watchdog_max_ms', 'cpr1', 'cpr2', 'torque_limit', 'sample_period_us']
+_HELLO = [
+    'boot_id',
+    'reset_cause',
+    'fault_cause',
+    *_UNITS,
+    'fault_pc',
+    'build',
+    'torque_constant',
+    *_LIMITS,
+    'firmware',
+]
+#: By message: the number of its type, its body, and the fields in the body's order behind type and version.
+_LAYOUTS: dict[type, tuple[int, struct.Struct, attrgetter[tuple[Any, ...]]]] = {
+    kind: (number, struct.Struct(f'<BBHI{payload}'), attrgetter('seq', 't_us', *names))
+    for number, kind, payload, names in (
+        (0x01, State, 'iiihHHIHH', State._fields[2:]),
+        (0x02, Command, 'BxHiI', ('mode', 'watchdog_ms', 'torque', 'session')),
+        (0x03, Hello, 'IBBHIIiIIIIIIIIIHHHH16s', _HELLO),
+        (0x04, HelloRequest, '', ()),
+        (0x05, Arm, 'IIHH', ('boot_id', 'session', 'lock', 'watchdog_ms')),
+    )
 }
-#: A STATE's whole body, type and version skipped: unpacked at once, because it comes a thousand times a second.
-_STATE_BODY = struct.Struct('<xxHIiiihHHIHH')
+_TYPES: dict[int, Any] = {number: kind for kind, (number, *_) in _LAYOUTS.items()}
+_CRC = struct.Struct('<I')
 #: The CRC-32 of any bytes followed by their own CRC-32.
 _CRC_RESIDUE = 0x2144DF1C
 
@@ -205,13 +214,11 @@ def encode(message: Message) -> bytes:
     Raises:
         struct.error: a field does not fit into its place on the wire.
     """
-    layout, names = _PAYLOADS[type(message)]
+    number, body, values_of = _LAYOUTS[type(message)]
+    values = values_of(message)
     if isinstance(message, Hello):
-        limits = [getattr(message.limits, name) for name in _LIMITS]
-        values = [getattr(message, name) for name in _HELLO] + limits + [message.firmware.encode('ascii', 'replace')]
-    else:
-        values = [getattr(message, name) for name in names]
-    return frame(_HEADER.pack(_NUMBERS[type(message)], VERSION, message.seq, message.t_us) + layout.pack(*values))
+        values = *values[:-1], message.firmware.encode('ascii', 'replace')
+    return frame(body.pack(number, VERSION, *values))
 
 
 def frame(body: bytes) -> bytes:
@@ -242,26 +249,24 @@ def _parse(data: bytes, accepted: frozenset[type]) -> Event:
     content = _uncobs(data)
     if content is None:
         return Damaged('cobs')
-    if len(content) < _HEADER.size + _CRC.size:
+    if len(content) < _LAYOUTS[HelloRequest][1].size + _CRC.size:
         return Damaged('length')
     if zlib.crc32(content) != _CRC_RESIDUE:
         return Damaged('crc')
     if content[1] != VERSION:
         return Damaged('version', content[1])
-    kind: Any = _TYPES.get(content[0])
+    kind = _TYPES.get(content[0])
     if kind not in accepted:
         return Damaged('type')
-    layout, names = _PAYLOADS[kind]
-    if len(content) != _HEADER.size + layout.size + _CRC.size:
+    _, body, _ = _LAYOUTS[kind]
+    if len(content) != body.size + _CRC.size:
         return Damaged('length')
-    if kind is State:
-        return State._make(_STATE_BODY.unpack_from(content))
-    _, _, seq, t_us = _HEADER.unpack_from(content)
-    values = dict(zip(names, layout.unpack_from(content, _HEADER.size), strict=True))
+    _, _, seq, t_us, *values = body.unpack_from(content)
     if kind is Hello:
-        values['firmware'] = values['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
-        values['limits'] = Limits(**{name: values.pop(name) for name in _LIMITS})
-    message: Message = kind(seq, t_us, **values)
+        given = dict(zip(_HELLO, values, strict=True))
+        given['firmware'] = given['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
+        return Hello(seq, t_us, limits=Limits(*(given.pop(name) for name in _LIMITS)), **given)
+    message: Message = kind(seq, t_us, *values)
     return message
 
 

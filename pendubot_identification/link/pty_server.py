@@ -12,11 +12,12 @@ import pty
 import select
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TextIO
 
 from pendubot_identification.errors import LinkError
+from pendubot_identification.files import writing
 
 from .serial_port import FrameWriter
 from .virtual_board import VirtualBoard
@@ -42,8 +43,8 @@ class PtyServer:
             while the host is there and says nothing: on a computer that pauses no rig runs on without its controller.
 
     Raises:
-        LinkError: the link's place is taken by something else, or the link or the trace cannot be made. Serving and
-            leaving raise it, too, when the trace cannot be written any more.
+        LinkError: the link's or the trace's place is taken by something else, or the link cannot be made.
+        ResultError: the trace cannot be written; serving and leaving raise it, too.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class PtyServer:
     def __exit__(self, *_: object) -> None:
         self._unplug()
         if self._trace is not None:
-            with _written(self._trace.name):
+            with writing(self._trace.name):
                 self._trace.close()
 
     def pull(self) -> None:
@@ -170,7 +171,7 @@ class PtyServer:
     def _write_trace(self) -> None:
         s = self._board.last
         if self._trace is not None and s is not None:
-            with _written(self._trace.name):
+            with writing(self._trace.name):
                 self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
 
 
@@ -181,23 +182,13 @@ def _wake_in_time() -> None:
 
 
 def _create(trace: Path) -> TextIO:
-    with _written(trace):
-        if trace.exists():
-            raise LinkError(f'{trace} exists already; remove it or name another trace file')
+    if trace.exists():
+        raise LinkError(f'{trace} exists already; remove it or name another trace file')
+    with writing(trace):
         # Line by line, so that it is complete after a kill, too.
         file = trace.open('x', buffering=1, encoding='ascii')
         file.write(TRACE_HEADER + '\n')
     return file
-
-
-@contextlib.contextmanager
-def _written(trace: Path | str) -> Iterator[None]:
-    """Turn an error of the system into one that names the trace."""
-    try:
-        yield
-    except OSError as error:
-        reason = f'the trace {trace} cannot be written ({error.strerror})'
-        raise LinkError(f'{reason}; free some space or name another place') from error
 
 
 def _replace_link(link: Path, target: str) -> None:

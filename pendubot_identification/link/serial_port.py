@@ -101,15 +101,12 @@ class SerialPort:
 
     def _read(self, device: serial.SerialBase) -> str:
         """Read until the port fails, and return why, or until the link is closed."""
-        wait_and_read = _reader(device)
         while not self._stopping.is_set():
             try:
-                data = wait_and_read()
+                data = _wait_and_read(device)
                 # Only now: while this process waits for the processor more may come, is read too, and must not seem to
                 # have arrived before it was sent.
                 arrival = time.monotonic_ns()
-                if not data and _leads_elsewhere(self._port, device):
-                    return 'its path now leads to another device'
             except (OSError, termios.error) as error:
                 return str(error)
             if data:
@@ -141,42 +138,25 @@ def open_port(port: str, baud: int) -> serial.SerialBase:
     return device
 
 
-def _leads_elsewhere(port: str, device: serial.SerialBase) -> bool:
-    """Return whether a port's path, such as a link of udev, leads to another device than the one that is open."""
-    # Unplugged, it is a dangling link: reading the device soon fails, too.
-    with contextlib.suppress(FileNotFoundError):
-        return isinstance(device, serial.Serial) and os.stat(port).st_rdev != os.fstat(device.fd).st_rdev
-    return False
-
-
 def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
     if isinstance(device, serial.Serial):
         return FrameWriter(device.fd).write
     return lambda data: device.write(data) == len(data)
 
 
-def _reader(device: serial.SerialBase) -> Callable[[], bytes]:
-    """Return a function that waits for bytes and returns all that are there."""
-
-    def through_pyserial() -> bytes:
-        data: bytes = device.read(1)
-        return data + device.read(device.in_waiting) if data else data
-
-    def directly() -> bytes:
-        data = b''
-        if poll.poll(_READ_TIMEOUT * 1000):
-            with contextlib.suppress(BlockingIOError):
-                data = os.read(descriptor, 4096)
-                if not data:
-                    raise OSError(errno.ENODEV, 'the device is gone')
-        return data
-
+def _wait_and_read(device: serial.SerialBase) -> bytes:
+    """Wait for bytes; return all that are there, none after a while."""
+    data = b''
     if not isinstance(device, serial.Serial):
-        return through_pyserial
+        data = device.read(1)
+        data += device.read(device.in_waiting) if data else b''
     # Not through pyserial: at 1 kHz its reading costs as much as all the rest of the bridge.
-    descriptor, poll = device.fd, select.poll()
-    poll.register(descriptor, select.POLLIN)
-    return directly
+    elif select.select([device.fd], [], [], _READ_TIMEOUT)[0]:
+        with contextlib.suppress(BlockingIOError):
+            data = os.read(device.fd, 4096)
+            if not data:
+                raise OSError(errno.ENODEV, 'the device is gone')
+    return data
 
 
 def _sentence(port: str, trouble: str) -> str:

@@ -9,7 +9,8 @@ Bytes and one sample period at a time come in, bytes go out; all randomness come
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -69,20 +70,14 @@ class BoardSettings:
     limits: Limits = LIMITS
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ('counts', 4, 1 << 24),
-            ('torque_limit', 0.0, 300.0),
-            ('sample_period_us', 100, 1_000_000),
-            ('watchdog_max_ms', 1, 65535),
-            ('clock_start_us', 0, WRAP - 1),
-        ):
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
-        for each in fields(self.limits):
-            high = 65535 if each.name in ('stall_ms', 'continuous_ma', 'overload_ms', 'max_vbus') else 0xFFFFFFFF
-            if not 0 <= (value := getattr(self.limits, each.name)) <= high:
-                raise ParameterError(f'{each.name} is {value:g}; a number from 0 to {high} is expected')
+        _expect('counts', self.counts, 4, 1 << 24)
+        _expect('torque_limit', self.torque_limit, 0, 300)
+        _expect('sample_period_us', self.sample_period_us, 100, 1_000_000)
+        _expect('watchdog_max_ms', self.watchdog_max_ms, 1, 65535)
+        _expect('clock_start_us', self.clock_start_us, 0, WRAP - 1)
+        for name, value in asdict(self.limits).items():
+            short = name in ('stall_ms', 'continuous_ma', 'overload_ms', 'max_vbus')
+            _expect(name, value, 0, 65535 if short else 0xFFFFFFFF)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +100,13 @@ class Faults:
     stuck_at: float = math.inf  #: The shoulder's encoder stands still from then on.
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            value = getattr(self, each.name)
-            high = math.inf if each.name.endswith('_at') else 1.0
-            if not 0.0 <= value <= high:
-                expected = 'a time of at least 0 s' if high > 1.0 else 'a probability from 0 to 1'
-                raise ParameterError(f'{each.name} is {value:g}; {expected} is expected')
+        for name, value in asdict(self).items():
+            _expect(name, value, 0, math.inf if name.endswith('_at') else 1)
+
+
+def _expect(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
 
 
 # As plain numbers, because a status is made a thousand times a second and IntFlag is slow.
@@ -150,8 +146,6 @@ class VirtualBoard:
         self._faults = faults or Faults()
         self._rng = np.random.default_rng(seed)
         self._elapsed_us = 0
-        self._reset_due_us = self._faults.reset_at * 1e6
-        self._stop_due_us = self._faults.emergency_stop_at * 1e6
         self._origin = (0, 0)
         self._stuck: int | None
         self._held = held
@@ -190,8 +184,7 @@ class VirtualBoard:
 
     def sample(self) -> bytes:
         """Take one sample; return what goes out to the host. :meth:`move` follows, before the next."""
-        if self._elapsed_us >= self._reset_due_us:
-            self._reset_due_us = math.inf
+        if self._has_come(self._faults.reset_at):
             self._origin = self._encoders()
             self._boot(2)
         # First a delimiter, or the frame that a restart cut short would take the first one along.
@@ -230,7 +223,7 @@ class VirtualBoard:
         self._zeroed = False
         self._stuck = None
         self._latched = 0  # why it was disarmed, until a mode 0 or the next arming
-        self._stopped = False
+        self._booted_us = self._elapsed_us
         self._wanted = 0
         self._applied = 0  # until the next sample
         self._slewed = 0  # from here the torque changes next; a disarming makes it 0
@@ -290,13 +283,14 @@ class VirtualBoard:
         self._notes |= _REFUSED
 
     def _standing_faults(self) -> int:
-        if self._elapsed_us >= self._stop_due_us:
-            self._stop_due_us = math.inf
-            self._stopped = True
-        standing = _EMERGENCY_STOP if self._stopped else 0
+        standing = _EMERGENCY_STOP if self._has_come(self._faults.emergency_stop_at) else 0
         if 0 <= self._elapsed_us - self._faults.over_current_at * 1e6 < _OVER_CURRENT_US:
             standing |= _OVER_CURRENT
         return standing | self._exceeded
+
+    def _has_come(self, at: float) -> bool:
+        """Return whether a moment [s] is over, and was in this boot."""
+        return self._booted_us < at * 1e6 <= self._elapsed_us
 
     def _state(self) -> State:
         period = self.settings.sample_period_us
@@ -339,16 +333,8 @@ class VirtualBoard:
     def _hello(self) -> Hello:
         s, seq, t_us = self.settings, self._next_seq(), self._clock_us % WRAP
         units = s.watchdog_max_ms, s.counts, s.counts, round(s.torque_limit * 1e6), s.sample_period_us
-        return Hello(
-            seq,
-            t_us,
-            self._boot_id,
-            self._reset_cause,
-            *units,
-            'virtual',
-            torque_constant=_TORQUE_CONSTANT,
-            limits=s.limits,
-        )
+        constants: dict[str, Any] = {'torque_constant': _TORQUE_CONSTANT, 'limits': s.limits}
+        return Hello(seq, t_us, self._boot_id, self._reset_cause, *units, 'virtual', **constants)
 
     def _next_seq(self) -> int:
         seq, self._seq = self._seq, (self._seq + 1) & 0xFFFF

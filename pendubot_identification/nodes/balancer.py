@@ -115,7 +115,7 @@ class Balancer(SettingsNode):
         if self._newest is not None and time.monotonic() - self._newest[1] >= MATCHING:
             values, self._newest = self._newest[0], None
             if self._has_one_publisher(self._identified[0]):
-                self._balancing.offer(values)
+                self._balancing.readiness.offer(values)
 
     def _on_identification(self, array: DiagnosticArray) -> None:
         if self._has_one_publisher(self._identified[1]):

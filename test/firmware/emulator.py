@@ -25,21 +25,19 @@ class Emulator:
 
     Args:
         folder: for its log of devices that it does not have (``-d unimp``) and its debugger's socket.
-        program: which of the built ones.
-        options: of QEMU, further ones.
 
     Attributes:
         port: its USART, a pseudo-terminal.
     """
 
-    def __init__(self, folder, program='emulated.elf', *options):
+    def __init__(self, folder):
         need('qemu-system-arm', 'qemu-system-arm')
         need('arm-none-eabi-gcc', 'gcc-arm-none-eabi libnewlib-arm-none-eabi')
-        self.elf = made('arm') / program
+        self.elf = made('arm') / 'emulated.elf'
         self._log, self._socket = folder / 'qemu.log', folder / 'debugger'
         words = ['qemu-system-arm', '-M', 'netduinoplus2', '-nographic', '-monitor', 'none', '-serial', 'pty']
         words += ['-kernel', self.elf, '-device', f'loader,addr={SEED},data={os.getpid()},data-len=4']
-        words += ['-d', 'unimp', '-D', self._log, '-gdb', f'unix:path={self._socket},server=on,wait=off', *options]
+        words += ['-d', 'unimp', '-D', self._log, '-gdb', f'unix:path={self._socket},server=on,wait=off']
         self._process = subprocess.Popen(
             list(map(str, words)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )

@@ -5,7 +5,6 @@
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 static void take(void *into, size_t size)
 {
@@ -33,35 +32,17 @@ int main(void)
 {
     static struct pendubot_link link;
     static struct pendubot_decoder decoder;
-    static char firmware[17];
     for (int call; (call = getchar()) != EOF;) {
         if (call == 'B') {
-            struct {
-                uint32_t boot_id, cpr1, cpr2;
-                int32_t torque_limit;
-                uint32_t sample_period_us, fault_pc, build, torque_constant;
-                uint32_t torque_slew, max_speed, max_travel1, max_travel2, stall_torque;
-                uint16_t stall_ms, continuous_ma, overload_ms, max_vbus;
-                uint16_t watchdog_max_ms;
-                uint8_t reset_cause, fault_cause;
-                char firmware[16];
+            static struct {
+                struct pendubot_settings settings;
+                struct pendubot_reset reset;
+                uint32_t boot_id;
+                char firmware[17];
             } given;
             take(&given, sizeof given);
-            memcpy(firmware, given.firmware, 16);
-            struct pendubot_settings settings = {
-                .cpr1 = given.cpr1,
-                .cpr2 = given.cpr2,
-                .torque_limit = given.torque_limit,
-                .sample_period_us = given.sample_period_us,
-                .watchdog_max_ms = given.watchdog_max_ms,
-                .torque_constant = given.torque_constant,
-                .build = given.build,
-                .limits = { given.torque_slew, given.max_speed, given.max_travel1, given.max_travel2,
-                    given.stall_torque, given.stall_ms, given.continuous_ma, given.overload_ms, given.max_vbus },
-                .firmware = firmware,
-            };
-            struct pendubot_reset reset = { given.fault_pc, given.fault_cause, given.reset_cause };
-            pendubot_boot(&link, &settings, given.boot_id, reset);
+            given.settings.firmware = given.firmware;
+            pendubot_boot(&link, &given.settings, given.boot_id, given.reset);
         } else if (call == 'R') {
             struct {
                 uint32_t now, faults, size;
@@ -73,20 +54,16 @@ int main(void)
             free(bytes);
         } else if (call == 'S') {
             struct {
-                uint32_t now;
-                int32_t enc1, enc2;
-                uint32_t faults, room;
-                int16_t current;
-                uint16_t vbus;
+                struct pendubot_reading reading;
+                uint32_t now, room;
             } given;
-            take(&given, sizeof given);
-            struct pendubot_reading reading = { given.enc1, given.enc2, given.current, given.vbus, given.faults };
-            uint8_t *out = exactly(given.room);
             struct {
                 int32_t torque;
                 uint32_t size;
             } answer;
-            answer.size = (uint32_t)pendubot_sample(&link, given.now, &reading, &answer.torque, out, given.room);
+            take(&given, sizeof given);
+            uint8_t *out = exactly(given.room);
+            answer.size = (uint32_t)pendubot_sample(&link, given.now, &given.reading, &answer.torque, out, given.room);
             give(&answer, sizeof answer);
             give(out, answer.size);
             free(out);

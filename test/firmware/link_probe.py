@@ -42,8 +42,9 @@ class LinkProbe:
         build=0,
         torque_constant=0,
     ):
-        numbers = boot_id, *cpr, limit, period_us, fault_pc, build, torque_constant, *astuple(limits)
-        self._call('B', '=IIIiIIII5I4HHBB16s', *numbers, watchdog_max_ms, reset_cause, fault_cause, firmware.encode())
+        settings = *cpr, limit, period_us, watchdog_max_ms, torque_constant, build, *astuple(limits), 0
+        reset = fault_pc, fault_cause, reset_cause
+        self._call('B', '@IIiIHII5I4HP IBB I17s0P', *settings, *reset, boot_id, firmware.encode())
 
     def receive(self, data, now=0, faults=0):
         self._call('R', '=III', now, faults, len(data))
@@ -54,7 +55,7 @@ class LinkProbe:
 
     def sample(self, now=0, enc1=0, enc2=0, current=0, vbus=2400, faults=0, room=65536):
         """Return the torque and the frames of a sample."""
-        self._call('S', '=IiiIIhH', now, enc1, enc2, faults, room, current, vbus)
+        self._call('S', '=iihHIII', enc1, enc2, current, vbus, faults, now, room)
         self._flush()
         torque, size = struct.unpack('=iI', self._read(8))
         return torque, self._read(size)
@@ -67,9 +68,9 @@ class LinkProbe:
         events = []
         while kind := self._read(1)[0]:
             request = _REQUEST.unpack(self._read(_REQUEST.size))
-            t_us, session, boot_id, torque, seq, watchdog_ms, lock, mode, flags = request
+            t_us, session, boot_id, torque, seq, watchdog_ms, lock, mode, _ = request
             if kind == 1:
-                events.append(Command(seq, t_us, mode, watchdog_ms, torque, flags, session))
+                events.append(Command(seq, t_us, mode, watchdog_ms, torque, session))
             elif kind == 2:
                 events.append(Arm(seq, t_us, boot_id, session, lock, watchdog_ms))
             elif kind == 3:

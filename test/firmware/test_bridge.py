@@ -5,29 +5,20 @@
 
 import os
 import threading
-from contextlib import closing
 
 import numpy as np
 import pytest
 
-from benchmarks.faults.ownership import commands, samples, stranger
-from benchmarks.faults.wire import Tap
 from pendubot_identification.link.protocol import State, Status
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 from test.rig import PATIENT
 
-from .emulator import Emulator, Line
+from .emulator import Line
 
 #: How long the bridge runs [s]; a minute by hand: FIRMWARE_SECONDS=60.
 SECONDS = float(os.environ.get('FIRMWARE_SECONDS', '2'))
 COUNT = 2 * np.pi / 4000
-
-
-@pytest.fixture
-def emulator(tmp_path):
-    with Emulator(tmp_path) as emulator:
-        yield emulator
 
 
 @pytest.mark.ros
@@ -82,31 +73,6 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
         plant.advance((each, 0.0), 0.001)
         moved.append(plant.q)
     off = np.abs(q - np.round((moved - np.array([-np.pi / 2, 0])) / COUNT) * COUNT - [-np.pi / 2, 0]) / COUNT
-    print(
-        f'largest difference from the simulation: {off.max():.3f} counts; in {(off > 0.5).sum()} of {off.size} numbers'
-    )
+    print(f'largest difference from the simulation: {off.max():.3f} counts; in {(off > 0.5).mean():.1e} of the numbers')
     assert off.max() < 1.01
     assert (off > 0.5).mean() < 1e-3
-
-
-@pytest.mark.ros
-def test_a_foreign_program_moves_nothing_and_is_seen(emulator, rig, tmp_path):
-    """It streams torque commands to the port: locked, disarmed by ~/disarm, and armed."""
-    r = rig()
-    r.port, r.bridge_port = emulator.port, tmp_path / 'tap'
-    with closing(Tap(r.port, r.bridge_port)) as tap:
-        r.start_bridge(*PATIENT)
-        r.until_samples(20)
-        for state in ('locked', 'disarmed', 'armed'):
-            if state == 'disarmed':
-                assert r.call('disarm').success
-            if state == 'armed':
-                r.until(lambda: r.call('arm').success, 20)
-                r.drive_until(0.1, lambda: r.samples[-1][6] == 0.1)
-            r.diagnoses.clear()
-            begun = len(r.samples)
-            with stranger(tap, commands(np.random.default_rng(1))):
-                samples(r, 500, 0.1)
-                r.until(lambda: r.diagnosed(1, 'another program sends commands'), 20)
-            given = {sample[6] for sample in r.samples[begun:]}
-            assert given <= ({0.0, 0.1} if state == 'armed' else {0.0}), state

@@ -18,7 +18,7 @@ from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequ
 from pendubot_identification.link.virtual_board import LIMITS
 
 from .building import FIRMWARE, made, need
-from .emulator import Emulator, Line
+from .emulator import Line
 
 #: As QEMU calls them: TIM1, the watchdog (another device's name lies over it), port B.
 TIM1, IWDG, GPIOB = r'timer\[1\]', '(?:IWDG|I2S2ext)', 'GPIOB'
@@ -32,27 +32,20 @@ SESSION = 17
 
 
 @pytest.fixture
-def emulator(tmp_path):
-    with Emulator(tmp_path) as emulator:
-        yield emulator
-
-
-@pytest.fixture
 def line(emulator):
     line = Line(emulator.port)
     yield line
     line.close()
 
 
-def drive(line, torque=300_000, watchdog_ms=500):
-    """Arm; return what the board said until it obeys."""
+def drive(line, torque=300_000):
+    """Arm; return HELLO, and the STATE of a board that obeys."""
     line.write(encode(HelloRequest(1, 0)))
-    heard = line.events(10, lambda e: isinstance(e, Hello))
-    hello = heard[-1]
-    heard += line.events(10, lambda e: isinstance(e, State))
-    line.write(encode(Arm(2, 0, hello.boot_id, SESSION, heard[-1].lock, watchdog_ms)))
-    line.write(encode(Command(3, 0, 1, watchdog_ms, torque, session=SESSION)))
-    return heard + line.events(10, lambda e: isinstance(e, State) and e.torque == torque)
+    hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
+    lock = line.events(10, lambda e: isinstance(e, State))[-1].lock
+    line.write(encode(Arm(2, 0, hello.boot_id, SESSION, lock, 500)))
+    line.write(encode(Command(3, 0, 1, 500, torque, session=SESSION)))
+    return hello, line.events(10, lambda e: isinstance(e, State) and e.torque == torque)[-1]
 
 
 #: What a debugger does to it, and the fault_pc that HELLO then has: it goes on where there is no program; its stack
@@ -63,7 +56,7 @@ HARD_FAULT = 3
 
 @pytest.mark.parametrize(('fault', 'pc'), FAULTS.values(), ids=FAULTS)
 def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_disarmed(emulator, line, fault, pc):
-    before = next(e for e in drive(line) if isinstance(e, Hello))
+    before = drive(line)[0]
     assert (before.fault_cause, before.fault_pc) == (0, 0)
     assert emulator.written(TIM1, BDTR)[-1] == MAY_SWITCH
     with emulator.debugger() as ask:
@@ -87,9 +80,15 @@ def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_disarm
     assert emulator.written(TIM1, CCR1)[-1] == 0
 
 
-def test_hello_tells_limits_and_commit(emulator, line):
-    line.write(encode(HelloRequest(1, 0)))
-    hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
+@pytest.mark.parametrize(('torque', 'duty', 'pin'), [(300_000, 1050, 1 << 14), (-1_500_000, 5250, 1 << 30)])
+def test_hello_tells_limits_and_commit_and_torque_becomes_duty_and_direction(emulator, line, torque, duty, pin):
+    """U = R / k * torque = 10 V per N m, of 24 V, in 8400 steps; a disarm takes it away."""
+    hello, _ = drive(line, torque)
+    assert emulator.written(TIM1, CCR1)[-1] == duty
+    assert emulator.written(GPIOB, BSRR)[-1] == pin
+    line.write(encode(Command(4, 0, 0)))
+    line.events(10, lambda e: isinstance(e, State) and e.cmd_seq == 4)
+    assert (emulator.written(TIM1, CCR1)[-1], emulator.written(TIM1, BDTR)[-1]) == (0, OFF)
     assert (hello.firmware, hello.limits, hello.torque_constant) == ('emulated 2', LIMITS, 200_000)
     # 0 where files were changed since the last commit, or where there is none.
     git = ('git', '-C', FIRMWARE)
@@ -114,11 +113,10 @@ def test_every_interrupt_but_two_is_a_fault():
 @pytest.mark.parametrize('where', ['firmware_sample', 'rig_show'])
 def test_a_firmware_that_hangs_feeds_the_watchdog_no_more(emulator, line, where):
     """In the interrupt or in the main loop; the watchdog then resets the chip, whose pins let go of the bridge."""
-    drive(line)
+    _, driven = drive(line)
     assert emulator.written(IWDG, 0)[:3] == [0xCCCC, 0x5555, FEED]
     assert (emulator.written(IWDG, 4), emulator.written(IWDG, 8)) == ([1], [200])  # 50 ms of 32 kHz / 8
-    begun = line.events(10, lambda _: True)[-1].t_us
-    line.events(10, lambda e: e.t_us > begun + 30_000)
+    line.events(10, lambda e: e.t_us > driven.t_us + 30_000)
     assert emulator.written(IWDG, 0).count(FEED) > 20
     assert emulator.log().count('Write of unassigned area of PPB: offset 0x42008') > 20  # a debugger's bit is cleared
     emulator.patch(where, ENDLESS_LOOP)
@@ -129,17 +127,6 @@ def test_a_firmware_that_hangs_feeds_the_watchdog_no_more(emulator, line, where)
     feeds = emulator.written(IWDG, 0).count(FEED)
     line.events(0.3)
     assert emulator.written(IWDG, 0).count(FEED) == feeds
-
-
-@pytest.mark.parametrize(('torque', 'duty', 'pin'), [(300_000, 1050, 1 << 14), (-1_500_000, 5250, 1 << 30)])
-def test_torque_becomes_duty_and_direction(emulator, line, torque, duty, pin):
-    """U = R / k * torque = 10 V per N m, of 24 V, in 8400 steps; a disarm takes it away."""
-    drive(line, torque)
-    assert emulator.written(TIM1, CCR1)[-1] == duty
-    assert emulator.written(GPIOB, BSRR)[-1] == pin
-    line.write(encode(Command(4, 0, 0, 100, 0)))
-    line.events(10, lambda e: isinstance(e, State) and e.cmd_seq == 4)
-    assert (emulator.written(TIM1, CCR1)[-1], emulator.written(TIM1, BDTR)[-1]) == (0, OFF)
 
 
 def word(data):
@@ -182,20 +169,19 @@ def hear(emulator, data):
 
 def test_a_sample_takes_less_than_a_fifth_of_its_period(emulator, line):
     """Counted in QEMU, one by one. On the chip most take one cycle, some two or three."""
-    command, request = encode(Command(2, 0, 1, 100, 0)), encode(HelloRequest(1, 0))
-    line.events(0.2)
-    costs = {
-        'a sample': instructions(emulator, 'firmware_sample'),
-        'with a COMMAND': instructions(emulator, 'firmware_sample', hear(emulator, command)),
-        'with all that a line brings in 1 ms, 4 COMMANDs': instructions(
-            emulator, 'firmware_sample', hear(emulator, 4 * command)
-        ),
-        'with a HELLO': instructions(emulator, 'firmware_sample', hear(emulator, request)),
-        'the interrupt of a byte received': min(
-            instructions(emulator, 'USART1_IRQHandler', before=lambda: (line.write(b'x'), time.sleep(0.05)))
-            for _ in range(3)
-        ),
+    heard = {
+        'a sample': b'',
+        'with all that a line brings in 1 ms, 4 COMMANDs': 4 * encode(Command(2, 0, 1, 100)),
+        'with a HELLO': encode(HelloRequest(1, 0)),
     }
+
+    def counted(symbol, **how):
+        line.events(10, lambda _: True)  # or QEMU would wait for who reads
+        return instructions(emulator, symbol, **how)
+
+    costs = {name: counted('firmware_sample', then=hear(emulator, data)) for name, data in heard.items()}
+    byte = {'before': lambda: (line.write(b'x'), time.sleep(0.05))}
+    costs['the interrupt of a byte received'] = min(counted('USART1_IRQHandler', **byte) for _ in range(3))
     print(*(f'{name}: {cost} instructions' for name, cost in costs.items()), sep='\n')
     # Everything at once, and an interrupt for each byte that comes or goes, half of all instructions in two cycles.
     worst = max(costs.values()) + costs['with a HELLO'] - costs['a sample'] + 2 * 92 * 50

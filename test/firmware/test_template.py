@@ -65,10 +65,17 @@ class Sketch:
         assert self._process.returncode == 0
 
 
+@pytest.fixture(scope='module')
+def program(objects, tmp_path_factory):
+    folders, target = (
+        ('-I', STAND_IN, '-I', TEMPLATE / 'arduino/pendubot'),
+        tmp_path_factory.mktemp('sketch') / 'sketch',
+    )
+    return compiled(target, *objects, STAND_IN / 'sketch_probe.cpp', options=folders, language='c++')
+
+
 @pytest.fixture
-def sketch(objects, tmp_path):
-    folders = '-I', STAND_IN, '-I', TEMPLATE / 'arduino/pendubot'
-    program = compiled(tmp_path / 'sketch', *objects, STAND_IN / 'sketch_probe.cpp', options=folders, language='c++')
+def sketch(program):
     sketch = Sketch(program)
     yield sketch
     sketch.close()

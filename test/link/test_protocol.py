@@ -6,8 +6,7 @@
 That a thousand damaged frames yield no wrong sample, and are counted exactly, benchmarks/faults shows.
 """
 
-import struct
-import zlib
+import re
 from itertools import pairwise
 
 import pytest
@@ -28,6 +27,7 @@ from pendubot_identification.link.protocol import (
     encode,
     frame,
 )
+from test.conftest import ROOT
 
 ALL = (State, Command, Hello, HelloRequest, Arm)
 
@@ -37,7 +37,7 @@ ascii_name = st.text(st.characters(min_codepoint=33, max_codepoint=126), max_siz
 limits = st.builds(Limits, *[u32] * 5, *[u16] * 4)
 messages = st.one_of(
     st.builds(State, u16, u32, i32, i32, i32, i16, u16, u16, u32, u16, u16),
-    st.builds(Command, u16, u32, u8, u16, i32, u8, u32),
+    st.builds(Command, u16, u32, u8, u16, i32, u32),
     st.builds(Hello, u16, u32, u32, u8, u16, u32, u32, i32, u32, ascii_name, u8, u32, u32, u32, limits),
     st.builds(Arm, u16, u32, u32, u32, u16, u16),
     st.builds(HelloRequest, u16, u32),
@@ -46,40 +46,27 @@ messages = st.one_of(
 STATE = State(7, 123456, 4000, -1, -1_000_000, -250, 2400, 3, Status.ARMED | Status.SATURATED, 9, 5)
 
 
-def reference_frame(body):
-    """COBS as its authors describe it, byte by byte."""
-    out, block = bytearray(), bytearray()
-    for byte in body + struct.pack('<I', zlib.crc32(body)):
-        if byte:
-            block.append(byte)
-        else:
-            out += bytes([len(block) + 1]) + block
-            block.clear()
-    return bytes(out + bytes([len(block) + 1]) + block + b'\0')
+def frames_of_the_page():
+    """The examples of docs/protocol.md, by their names, and as frames."""
+    page = (ROOT / 'docs/protocol.md').read_text()
+    rows = re.findall(r'^\| (HELLO_REQUEST|COMMAND|ARM|STATE|HELLO) .* \| `([0-9a-f ]+)` \|$', page, re.MULTILINE)
+    return {name: bytes.fromhex(frame) for name, frame in rows}
 
 
-@pytest.mark.parametrize(
-    ('message', 'layout', 'fields'),
-    [
-        (STATE, '<BBHIiiihHHIHH', (1, 2, 7, 123456, 4000, -1, -1_000_000, -250, 2400, 3, 0b1001, 9, 5)),
-        (Command(9, 10, 1, 100, -5, session=77), '<BBHIBBHiI', (2, 2, 9, 10, 1, 0, 100, -5, 77)),
-        (
-            Hello(
-                1, 2, 0xDEADBEEF, 4, 500, 4000, 8192, 2_000_000, 10_000, 'firmware 1.2', 3, 0x08000100, 0xABC, 200_000,
-                Limits(*range(1, 10)),
-            ),
-            '<BBHIIBBHIIiI3I5I4H16s',
-            (
-                3, 2, 1, 2, 0xDEADBEEF, 4, 3, 500, 4000, 8192, 2_000_000, 10_000, 0x08000100, 0xABC, 200_000,
-                *range(1, 10), b'firmware 1.2\0\0\0\0',
-            ),
-        ),
-        (HelloRequest(9, 10), '<BBHI', (4, 2, 9, 10)),
-        (Arm(9, 10, 0xDEADBEEF, 77, 5, 100), '<BBHIIIHH', (5, 2, 9, 10, 0xDEADBEEF, 77, 5, 100)),
-    ],
-)  # fmt: skip
-def test_every_message_is_laid_out_as_the_protocol_says(message, layout, fields):
-    assert encode(message) == reference_frame(struct.pack(layout, *fields))
+LIMITS = Limits(300_000, 60_000, 25_000, 100_000, 500_000, 500, 5000, 2000, 3000)
+EXAMPLES = {
+    'HELLO_REQUEST': HelloRequest(1, 1000),
+    'COMMAND': Command(7, 250_000, 1, 100, -500_000, 2882400018),
+    'ARM': Arm(6, 240_000, 3405643777, 2882400018, 3, 100),
+    'STATE': State(258, 1_000_000, -1000, 250, 500_000, 5000, 2400, 7, 1, 2, 0),
+    'HELLO': Hello(
+        0, 0, 3405643777, 1, 500, 4000, 4000, 2_000_000, 10_000, 'my board 1', 0, 0, 439041101, 200_000, LIMITS
+    ),
+}  # fmt: skip
+
+
+def test_the_frames_of_the_page():
+    assert {name: encode(message) for name, message in EXAMPLES.items()} == frames_of_the_page()
 
 
 @given(messages)
