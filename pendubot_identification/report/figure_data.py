@@ -93,21 +93,6 @@ class Residuals:
 
 
 @dataclass(frozen=True, slots=True)
-class Excitation:
-    """Root mean squares of the effects of D parameters in the rows of the weak criterion [N m, N m, W].
-
-    Attributes:
-        term: the parameter times its column, shape (D, 3).
-        own: the residual of a term after regression on all other columns, shape (D, 3).
-        residual: the residual of the weak criterion, shape (3,).
-    """
-
-    term: Array
-    own: Array
-    residual: Array
-
-
-@dataclass(frozen=True, slots=True)
 class UnexplainedTorque:
     """The torque that the parameters do not explain, and the motion at the same times.
 
@@ -192,12 +177,12 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
 def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> Residuals:
     """Return the residuals of an estimate by one criterion of the settings on its training data.
 
-    For ``likelihood`` (``trajectory`` in earlier results), these are the normalized innovations every 0.05 s.
+    For ``likelihood``, these are the normalized innovations every 0.05 s.
 
     Raises:
         TrajectoryError: the recordings are too short.
     """
-    if answer.criterion in ('likelihood', 'trajectory'):
+    if answer.criterion == 'likelihood':
         names: tuple[str, ...] = ('q1', 'q2')
         unit, overlap = 'standard deviations', 0.0
         t, z = standardised_innovations(motions, answer.theta, answer.delay, settings)
@@ -232,8 +217,12 @@ def _autocorrelation(parts: Sequence[Array], lags: int) -> Array:
     return np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
 
 
-def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str] = NAMES) -> Excitation:
-    """Return the effect of each parameter of these names in the rows of ``weak``, on training data.
+def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str] = NAMES) -> tuple[Array, Array, Array]:
+    """Return root mean squares of the effects of D parameters in the rows of ``weak`` on training data [N m, N m, W].
+
+    Returns:
+        Each parameter times its column, shape (D, 3); the residual of that after regression on all other columns, shape
+        (D, 3); the residual of the criterion, shape (3,).
 
     Raises:
         TrajectoryError: the recordings are shorter than a test function.
@@ -253,7 +242,7 @@ def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str]
         imitated = others @ np.linalg.lstsq(others, weighted[:, k], rcond=None)[0]
         own[k] = _by_row(value * (weighted[:, k] - imitated) / weight)
     # A parameter without a term in a row has no part of its own there.
-    return Excitation(term, np.minimum(own, term), _by_row(y - phi @ theta))
+    return term, np.minimum(own, term), _by_row(y - phi @ theta)
 
 
 def _by_row(rows: Array) -> Array:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from pendubot_identification.results.result import Convergence, Result
 
-from .figure_data import Excitation, Residuals, UnexplainedTorque
+from .figure_data import Array, Residuals, UnexplainedTorque
 from .plots import COLOURS, MEASURED, SIMULATED, Picture
 from .style import SMALL, WIDTH, style
-from .time_plot import envelope, in_powers, scaled
+from .time_plot import in_powers, scaled, thinned
 
 #: Number of bins for means of unexplained torque; torques above OUTLYING times their median are left out.
 BINS, OUTLYING = 24, 8.0
@@ -31,10 +31,11 @@ def draw_whiteness(residuals: Residuals) -> Picture:
     sizes = np.sqrt((everything**2).mean(axis=0))
     bins = np.linspace(-4, 4, 41)
     figure, (correlation, histogram) = _panels(2.2, 1, 2)
-    for k, (_, colour) in enumerate(zip(residuals.names, COLOURS, strict=False)):
-        correlation.plot(*envelope(residuals.lags[1:], residuals.autocorrelation[1:, k]), color=colour)
+    shown = 1 + thinned(residuals.autocorrelation[1:])
+    for k in range(len(residuals.names)):
+        correlation.plot(residuals.lags[shown], residuals.autocorrelation[shown, k], color=COLOURS[k])
         counts, _ = np.histogram(everything[:, k] / (sizes[k] or 1.0), bins, density=True)
-        histogram.stairs(counts, bins, color=colour)
+        histogram.stairs(counts, bins, color=COLOURS[k])
     histogram.plot(bins, np.exp(-(bins**2) / 2) / np.sqrt(2 * np.pi), color=MEASURED, linestyle=':')
     correlation.axhspan(-residuals.band, residuals.band, color='#bbbbbb', alpha=0.6, linewidth=0)
     correlation.axvspan(0, min(residuals.overlap, residuals.lags[-1]), color='#eeeeee', zorder=0, linewidth=0)
@@ -102,17 +103,20 @@ def draw_correlation(result: Result) -> list[Picture]:
 
 
 @drawn
-def draw_excitation(names: Sequence[str], excitation: Excitation) -> Picture:
-    """Draw the effect of each parameter in the equation of each joint, and its part that no other can imitate."""
+def draw_excitation(names: Sequence[str], terms: Array, own: Array, residual: Array) -> Picture:
+    """Draw the effect of each parameter in the equation of each joint, and its part that no other can imitate.
+
+    The arrays are those of :func:`.figure_data.excitation`.
+    """
     figure, axes = _panels(1.4 + 0.26 * len(names), 1, 2, sharey=True)
     places = np.arange(len(names))
     for k, (axis, joint) in enumerate(zip(axes, ('shoulder', 'elbow'), strict=True)):
-        term, own, residual = excitation.term[:, k], excitation.own[:, k], excitation.residual[k]
-        largest = max(term.max(), residual) or 1.0
-        least = 10.0 ** np.floor(np.log10(max(min(residual, largest * 1e-3), largest * 1e-7, 1e-300)) - 0.5)
-        axis.barh(places, np.maximum(term - least, 0), left=least, color=COLOURS[0], alpha=0.35, label='all it does')
-        axis.barh(places, np.maximum(own - least, 0), left=least, height=0.45, color=COLOURS[0], label='it alone')
-        axis.axvline(max(residual, least), color=SIMULATED, linestyle='--', label='unexplained')
+        largest = max(terms[:, k].max(), residual[k]) or 1.0
+        least = 10.0 ** np.floor(np.log10(max(min(residual[k], largest * 1e-3), largest * 1e-7, 1e-300)) - 0.5)
+        for values, label, how in ((terms, 'all it does', {'alpha': 0.35}), (own, 'it alone', {'height': 0.45})):
+            width = np.maximum(values[:, k] - least, 0)
+            axis.barh(places, width, left=least, color=COLOURS[0], label=label, **how)
+        axis.axvline(max(residual[k], least), color=SIMULATED, linestyle='--', label='unexplained')
         axis.set(xscale='log', xlim=(least, 2 * largest), title=f"{joint}'s equation", xlabel='root mean square [N m]')
         axis.set_yticks(places, names)
         axis.grid(False, axis='y')

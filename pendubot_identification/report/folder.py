@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 from urllib.parse import quote
@@ -20,8 +19,6 @@ from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identify.catalogue import compensated
 from pendubot_identification.identify.prediction import predict, state_scale
-from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
-from pendubot_identification.recordings.tables import is_table
 from pendubot_identification.results.assemble import predicted
 from pendubot_identification.results.provenance import answers, hold, settings
 from pendubot_identification.results.result import Predicted, Result
@@ -36,8 +33,6 @@ from .plots import Picture
 from .table import Table
 from .tables import Beside
 
-#: Stamps below this count from the start of a computer or a simulation: they name no day [ns].
-A_YEAR_NS = 365 * 24 * 3600 * 10**9
 #: The motions that estimate, and those that validate.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
 #: The subject of pictures, for messages, and the function that draws them.
@@ -84,8 +79,7 @@ def write_report(
             missing.append(f'{subject}; {error}')
     compared = prepared.compared(beside) if prepared and beside else {}
     text = result_text(result)
-    days = _days(result, bags) if motions else {}
-    page = result_page(result, pictures, beside, [*notes, *missing], compared, text, days)
+    page = result_page(result, pictures, beside, [*notes, *missing], compared, text)
     named = [source.bag for source in result.bags] + ([f'{bags.absolute()}/-'] if bags else [])
     return _write(folder, {'result.yaml': text}, pictures if static else (), page, () if paths else named)
 
@@ -126,7 +120,6 @@ def write_track(
 def _of_result(result: Result) -> Iterator[Wanted]:
     yield 'the correlations', lambda: figures.draw_correlation(result)
     for criterion, answer in result.criteria.items():
-        # Without MDE there is none, and results of earlier versions do not hold it, or not its minimum.
         if answer.convergence and answer.J.least_squares is not None:
             draw = partial(figures.draw_convergence, criterion, answer.J.least_squares, answer.convergence)
             yield f'the convergence of {criterion}', draw
@@ -181,8 +174,8 @@ class Prepared:
             return [plots.plot_simulation(found, timeline, validation=bool(validating))]
 
         def excitation() -> list[Picture]:
-            found = figure_data.excitation(estimating, best, self.result.parameters)
-            return [figures.draw_excitation(list(self.result.parameters), found)]
+            names = list(self.result.parameters)
+            return [figures.draw_excitation(names, *figure_data.excitation(estimating, best, names))]
 
         def residuals(criterion: str) -> list[Picture]:
             found = figure_data.residuals(estimating, estimates[criterion], asked)
@@ -194,18 +187,6 @@ class Prepared:
         yield 'the excitation', excitation
         for name in estimates:
             yield f'the residuals of {name}', partial(residuals, name)
-
-
-def _days(result: Result, folder: Path | None) -> dict[str, str]:
-    """Return the day of each bag by its own stamps; files with columns, and motions from memory, have none."""
-    days = {}
-    for source in result.bags:
-        path = BagWindow.parse(source.bag).path
-        path = folder / path.name if folder else path
-        first_ns = BagReader(path).first_ns if path.exists() and not is_table(path) else 0
-        if first_ns > A_YEAR_NS:
-            days[source.bag] = datetime.fromtimestamp(first_ns / 1e9, timezone.utc).date().isoformat()
-    return days
 
 
 def _write(

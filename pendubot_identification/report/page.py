@@ -3,8 +3,8 @@
 
 """A result as one HTML page that needs nothing beside it: no network and no other file.
 
-Plots over time are in the page as data, which ``page.js`` shows by uPlot (``uplot/``, MIT licence); all other figures
-are static. The page itself is ``page.html.jinja``.
+All figures are in the page. Those over time are there also as data, which ``page.js`` shows by uPlot (``uplot/``, MIT
+licence). The page itself is ``page.html.jinja``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ def result_page(
     notes: Sequence[str] = (),
     compared: Mapping[str, Predicted] | None = None,
     text: str = '',
-    days: Mapping[str, str] | None = None,
 ) -> str:
     """Return the page of a result.
 
@@ -47,7 +46,6 @@ def result_page(
         notes: why a picture is missing.
         compared: by name, the predictions of the other result and of this one.
         text: of the result file, which the page offers for download.
-        days: on which recordings were made, by their names.
     """
     if result.uncorrected:
         compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
@@ -69,7 +67,6 @@ def result_page(
         'lengths': rig.proportions(result),
         'acceleration': Markup(javascript(len(model['names']))),
         'command': rig.command(result),
-        'days': days or {},
     }
     return render('page.html.jinja', pictures, **shown)
 
@@ -93,7 +90,7 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
     environment.globals['file'] = lambda name: Markup((folder / name).read_text(encoding='utf-8'))
     shown = {picture.name: picture for picture in pictures}
     plots = {name: _plain(each.content) for name, each in shown.items() if isinstance(each.content, TimePlot)}
-    figures = {name: _address(each.files('svg')['svg'].decode()) for name, each in shown.items() if name not in plots}
+    figures = {name: _address(each.files('svg')['svg'].decode()) for name, each in shown.items()}
     data = {'plots': plots, 'rig': context.setdefault('rig', None)}
     context.setdefault('acceleration', 'null')
     # Within a script element nothing is markup but what would end it.
@@ -106,8 +103,9 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
 def _plain(plot: TimePlot) -> dict[str, Any]:
     """Return a plot as plain data, without the lines that the page simulates itself."""
     data = plot.data()
-    for line in (line for panel in data['panels'] for line in panel['lines'] if plot.live):
-        line |= {'t': [], 'y': []}
+    for panel in data['panels'] if plot.live else ():
+        panel['t'] = []
+        panel['lines'] = [line | {'y': []} for line in panel['lines']]
     return data
 
 

@@ -86,15 +86,12 @@ def plot_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
     timeline = Timeline.of(motions)
     times = [motion.t + timeline.shift(motion.name) for motion in motions]
     driven = any(motion.tau[:, 1].any() for motion in motions)
-
-    def line(values: Sequence[Array], label: str = '', colour: str = MEASURED, **how: Any) -> Line:
-        return Line(label, list(zip(times, values, strict=True)), colour, **how)
-
-    torques = [line([m.tau[:, 0] for m in motions], 'shoulder' if driven else '', width=0.8, style='steps')]
-    if driven:
-        torques.append(line([m.tau[:, 1] for m in motions], 'elbow', COLOURS[0], width=0.8, style='steps'))
-    panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', torques)]
-    panels += [Panel(name, 'rad', [line([m.q[:, k] for m in motions])]) for k, name in enumerate(('q1', 'q2'))]
+    torques = [
+        Line(('shoulder', 'elbow')[k] if driven else '', [m.tau[:, k] for m in motions], colour, 0.8, 'steps')
+        for k, colour in enumerate((MEASURED, COLOURS[0])[: 1 + driven])
+    ]
+    panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', times, torques)]
+    panels += [Panel(f'q{k + 1}', 'rad', times, [Line('', [m.q[:, k] for m in motions], MEASURED)]) for k in (0, 1)]
     kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
     spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
     about = {'driven': driven, 'recordings': list(timeline.shifts)}
@@ -103,31 +100,31 @@ def plot_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
 
 def plot_simulation(simulation: Simulation, timeline: Timeline, *, validation: bool) -> Picture:
     """Plot measured states, states simulated from measured ones on, and their difference."""
-    t, pieces = simulation.t + timeline.shift(simulation.name), simulation.simulated
+    t, pieces = [simulation.t + timeline.shift(simulation.name)], simulation.simulated
     size, _, count = pieces.shape
-    within = [slice(first, first + size) for first in (size - 1) * np.arange(count)]
+    paths = np.moveaxis(pieces[:-1], 0, 2)
+    starts = np.append(np.arange(count * (size - 1)) % (size - 1) == 0, False)
     panels, errors = [], []
     for k, (name, unit) in enumerate(STATES):
-        measured = simulation.measured[k]
+        measured, y = simulation.measured[k], np.append(paths[k], pieces[-1, k, -1])
         middle, reach = (measured.max() + measured.min()) / 2, 0.75 * np.ptp(measured) + 1e-3
-        # A state far outside the plot would only make its lines long.
-        near = np.where(np.abs(pieces[:, k] - middle) < 20 * reach, pieces[:, k], np.nan).T
+        # Before each start there is a gap, and a state far outside the plot would only make its lines long.
+        y[(np.abs(y - middle) > 20 * reach) | np.append(starts[1:], False)] = np.nan
         lines = [
-            Line('measured', [(t, measured)], MEASURED, 1.6),
-            Line('simulated', [(t[w], y) for w, y in zip(within, near, strict=True)], SIMULATED),
-            Line('', [(t[[w.start for w in within]], pieces[0, k])], SIMULATED, style='dots'),
+            Line('measured', [measured], MEASURED, 1.6),
+            Line('simulated', [y], SIMULATED),
+            Line('', [np.where(starts, measured, np.nan)], SIMULATED, style='dots'),
         ]
-        panels.append(Panel(name, unit, lines, (middle - reach, middle + reach)))
-        off = [(t[w], y - measured[w]) for w, y in zip(within, near, strict=True)]
-        errors.append(Line(name, off, COLOURS[k % 2]))
-    panels += [Panel('error', 'rad', errors[:2]), Panel('error', 'rad/s', errors[2:])]
+        panels.append(Panel(name, unit, t, lines, (middle - reach, middle + reach)))
+        errors.append(Line(name, [y - measured], COLOURS[k % 2]))
+    panels += [Panel('error', 'rad', t, errors[:2]), Panel('error', 'rad/s', t, errors[2:])]
     about = {
         'validation': validation,
         'ahead': simulation.ahead,
         'part': '' if simulation.complete else simulation.name,
     }
     live = {
-        'first': round(float(t[0]), 9),
+        'first': round(float(t[0][0]), 9),
         'step': STEP,
         'every': size - 1,
         'states': [[float(f'{x:.7g}') for x in state] for state in simulation.measured.tolist()],
@@ -139,11 +136,12 @@ def plot_simulation(simulation: Simulation, timeline: Timeline, *, validation: b
 
 def plot_residuals(residuals: Residuals, timeline: Timeline) -> Picture:
     """Plot the residuals of a criterion."""
+    times = [t + timeline.shift(name) for name, t, _ in residuals.parts]
     lines = [
-        Line(channel, [(t + timeline.shift(name), y[:, k]) for name, t, y in residuals.parts], colour, 0.7)
-        for k, (channel, colour) in enumerate(zip(residuals.names, COLOURS, strict=False))
+        Line(channel, [y[:, k] for _, _, y in residuals.parts], COLOURS[k], 0.7)
+        for k, channel in enumerate(residuals.names)
     ]
-    plot = TimePlot([Panel('', residuals.unit, lines)], boundaries=timeline.begins)
+    plot = TimePlot([Panel('', residuals.unit, times, lines)], boundaries=timeline.begins)
     return Picture(f'residuals_{residuals.criterion}', plot, {'cumulative': residuals.cumulative})
 
 
@@ -151,9 +149,7 @@ def plot_unexplained_torque(left: UnexplainedTorque, timeline: Timeline) -> Pict
     """Plot the unexplained torque of both joints."""
     times = [t + timeline.shift(name) for name, t in zip(left.names, left.times, strict=True)]
     panels = [
-        Panel(
-            joint, 'N m', [Line('', [(t, y[:, k]) for t, y in zip(times, left.torque, strict=True)], COLOURS[k], 0.7)]
-        )
+        Panel(joint, 'N m', times, [Line('', [torque[:, k] for torque in left.torque], COLOURS[k], 0.7)])
         for k, joint in enumerate(('shoulder', 'elbow'))
     ]
     return Picture('torque_left', TimePlot(panels, boundaries=timeline.begins))
@@ -171,12 +167,10 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
         usual = np.isfinite(low) & (np.arange(len(t)) >= len(t) // 20)
         shown = (low[usual].min(), high[usual].max()) if usual.any() else (0.0, 0.0)
         margin = 0.1 * (shown[1] - shown[0])
-        lines = [
-            Line('95 %', [(t, low)], COLOURS[0], style='band', upper=[(t, high)]),
-            Line(name, [(t, theta[:, k])], COLOURS[0]),
-        ]
-        panels.append(Panel(name, UNITS[k], lines, (shown[0] - margin, shown[1] + margin) if margin > 0 else None))
-    panels.append(Panel('unexplained', 'N m', [Line('', [(t, np.array([s.unexplained for s in states]))], MEASURED)]))
+        lines = [Line('95 %', [low], COLOURS[0], style='band', upper=[high]), Line(name, [theta[:, k]], COLOURS[0])]
+        within = (shown[0] - margin, shown[1] + margin) if margin > 0 else None
+        panels.append(Panel(name, UNITS[k], [t], lines, within))
+    panels.append(Panel('unexplained', 'N m', [t], [Line('', [np.array([s.unexplained for s in states])], MEASURED)]))
     spans = []
     for event in events:
         begin = max(event.begin, float(t[0]))
@@ -189,15 +183,11 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
 
 def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:
     """Draw the angles of a swing-up from upright, and the torque with its limit [N m], into a picture file."""
-    t = motion.t - motion.t[0]
-    angles = [
-        Line(label, [(t, np.degrees(np.remainder(angle + math.pi / 2, 2 * math.pi) - math.pi))], colour, 0.5, 'dots')
-        for label, angle, colour in zip(
-            ('link 1', 'link 2'), (motion.q[:, 0], motion.q.sum(axis=1)), COLOURS, strict=False
-        )
-    ]
-    limits = [Line('', [(t[[0, -1]], np.full(2, bound))], GREY) for bound in (-limit, limit)]
-    torque = Line('', [(t, motion.tau[:, 0])], MEASURED, 0.7, 'steps')
-    panels = [Panel('from upright', 'degrees', angles, (-185, 185)), Panel('torque', 'N m', [torque, *limits])]
+    t = [motion.t - motion.t[0]]
+    upright = np.degrees(np.remainder(np.cumsum(motion.q, axis=1) + math.pi / 2, 2 * math.pi) - math.pi)
+    angles = [Line(f'link {k + 1}', [upright[:, k]], COLOURS[k], 0.5, 'dots') for k in (0, 1)]
+    limits = [Line('', [np.full(len(motion), bound)], GREY) for bound in (-limit, limit)]
+    torque = Line('', [motion.tau[:, 0]], MEASURED, 0.7, 'steps')
+    panels = [Panel('from upright', 'degrees', t, angles, (-185, 185)), Panel('torque', 'N m', t, [torque, *limits])]
     picture = Picture('balance', TimePlot(panels))
     path.write_bytes(picture.files(path.suffix[1:])[path.suffix[1:]])

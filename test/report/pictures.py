@@ -8,7 +8,7 @@ import functools
 import numpy as np
 
 from pendubot_identification.report import figures, plots
-from pendubot_identification.report.figure_data import Excitation, Residuals, Simulation, UnexplainedTorque
+from pendubot_identification.report.figure_data import Residuals, Simulation, UnexplainedTorque
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import made
 
@@ -56,5 +56,5 @@ def every_picture():
         figures.draw_torque_means(unexplained_torque()),
         *figures.draw_convergence('energy', energy.J.least_squares, energy.convergence),
         *figures.draw_correlation(result),
-        figures.draw_excitation(list(result.parameters), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3))),
+        figures.draw_excitation(list(result.parameters), np.ones((7, 3)), np.ones((7, 3)), np.ones(3)),
     ]

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.report import figures, plots
-from pendubot_identification.report.time_plot import Line, Panel, TimePlot, envelope, joined
+from pendubot_identification.report.time_plot import Line, Panel, TimePlot, joined, thinned
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import plain
 from test.identified import result as typed
@@ -32,15 +32,12 @@ def test_each_is_a_complete_SVG_and_PNG_with_nothing_from_elsewhere_and_always_t
         assert picture.files('svg')['svg'] == files['svg']
 
 
-@given(arrays.arrays(float, st.integers(0, 400), elements=st.floats(-1e6, 1e6) | st.just(np.nan)), st.integers(2, 40))
-def test_an_envelope_keeps_what_can_be_seen(y, pairs):
-    t = np.arange(len(y), dtype=float)
-    kept_t, kept_y = envelope(t, y, 2 * pairs)
-    assert len(kept_t) <= max(2 * pairs, 0) or len(y) <= 2 * pairs
-    assert (np.diff(kept_t) >= 0).all()
-    values = np.nan_to_num(y)
-    if len(y):
-        assert (np.nan_to_num(kept_y).min(), np.nan_to_num(kept_y).max()) == (values.min(), values.max())
+@given(arrays.arrays(float, st.tuples(st.integers(1, 400), st.integers(1, 3)), elements=st.floats(-1e6, 1e6)))
+def test_thinned_lines_keep_what_can_be_seen(values):
+    kept = thinned(values, 40)
+    assert len(kept) <= max(40, 6 * values.shape[1]) or len(values) <= 40
+    assert (np.diff(kept) > 0).all()
+    np.testing.assert_array_equal(np.ptp(values[kept], axis=0), np.ptp(values, axis=0))
 
 
 def test_an_hour_at_1_kHz_makes_small_figures():
@@ -87,20 +84,20 @@ def test_no_correlations_where_everything_lies_on_a_bound():
 def test_pieces_are_one_line_with_gaps_where_time_always_ascends():
     """Also where a piece begins when the one before it ends, or is longer than what is shown of it."""
     t = np.linspace(0, 1, 5000)
-    joined_t, y = joined([(t, np.sin(9 * t)), (t + 1, t), (np.array([]), np.array([]))], 400)
+    pieces = [np.sin(9 * t)[:, None], t[:, None], np.empty((0, 1))]
+    joined_t, y = joined([t, t + 1, np.array([])], pieces, 400)
     assert (np.diff(joined_t) > 0).all()
     assert np.isnan(y).sum() == 1
     assert len(y) <= 402
-    assert joined([])[0].shape == (0,)
+    assert joined([], [])[0].shape == (0,)
 
 
 @pytest.mark.parametrize(('largest', 'label'), [(3e-5, 'a [10⁻⁵ kg m²]'), (0.02, 'a [kg m²]'), (0.0, 'a [kg m²]')])
 def test_small_values_are_shown_in_powers_of_ten_that_their_label_says(largest, label):
     """On the page and in the static figure; a band has both its edges."""
     t = np.arange(3.0)
-    edge = [(t, np.full(3, largest / 3))]
-    lines = [Line('a', edge, 'red', style='band', upper=[(t, np.full(3, largest))])]
-    plot = TimePlot([Panel('a', 'kg m^2', lines)])
+    lines = [Line('a', [np.full(3, largest / 3)], 'red', style='band', upper=[np.full(3, largest)])]
+    plot = TimePlot([Panel('a', 'kg m^2', [t], lines)])
     (panel,) = plot.data()['panels']
     assert panel['label'] == label
     power = 1e-5 if largest == 3e-5 else 1
