@@ -588,6 +588,13 @@ class Identified(_Exportable):
         """The warnings, a sentence each."""
         return [as_arguments(warning) for warning in self.result.warnings]
 
+    @property
+    def command(self) -> str:
+        """The command line that identifies the same again; empty if a recording was in memory."""
+        from .report.rig import command
+
+        return command(self.result)
+
     def frame(self) -> DataFrame:
         """Return a row a parameter: value, std_error, low, high, unit, meaning.
 

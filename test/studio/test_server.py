@@ -94,8 +94,8 @@ def test_files_are_private_and_are_deleted_with_their_page_and_with_the_program(
 
 def test_the_command_gives_the_same_result(page, motion, tmp_path):
     """And the files for other programs are those of pendubot export."""
-    columns = {'columns': 't=Zeit [ms],q1=a', 'time_unit': 'ms', 'negate': 'q2', 'delay': '-0.01:0.02', **QUICK}
-    text = csv(motion, names=('Zeit [ms]', 'a', 'q2', 'tau1'), convert=lambda q: q * (1, -1))
+    columns = {'columns': 't=Zeit, [ms],q1=a', 'time_unit': 'ms', 'negate': 'q2', 'delay': '-0.01:0.02', **QUICK}
+    text = csv(motion, names=('"Zeit, [ms]"', 'a', 'q2', 'tau1'), convert=lambda q: q * (1, -1))
     rows = text.splitlines()
     text = '\n'.join(
         [rows[0], *(f'{1e3 * float(t):.9g},{rest}' for t, rest in (row.split(',', 1) for row in rows[1:]))]
@@ -104,7 +104,7 @@ def test_the_command_gives_the_same_result(page, motion, tmp_path):
     done = page.do('identify', 'run 1.csv', **columns)['done']
     assert done['missing'] == {}
     (tmp_path / 'run 1.csv').write_text(text)
-    words = shlex.split(page.post('command', 'run 1.csv', **columns).read().decode())
+    words = shlex.split(f'{done["command"]} --report report')
     subprocess.run([sys.executable, '-m', 'pendubot_identification.cli.main', *words[1:]], cwd=tmp_path, check=True)
     by_shell = (tmp_path / 'report' / 'result.yaml').read_text()
     assert page.output('result.yaml') == by_shell
@@ -138,7 +138,7 @@ def test_a_request_that_ends_ends_its_program(motion):
         assert worker in program.workers()
         answer.close()
         while worker in program.workers():
-            page.post('command', 'run.csv').read()
+            program.request('GET', '').read()
         assert page.output('result.yaml') is None
 
 
@@ -232,6 +232,14 @@ def test_more_than_the_limit_is_not_kept(tmp_path):
         assert [each.name for each in root.rglob('*') if each.is_file()] == ['a.csv']
 
 
+def test_on_a_full_disk_the_sentence_helps_and_names_no_private_folder(tmp_path):
+    with Studio(env={'TMPDIR': str(tmp_path)}, before=('prlimit', '--fsize=300000')) as program:
+        said = program.open().do('identify', 'paper_experiment', **QUICK)['problem']['sentence']
+    assert 'cannot be kept (File too large)' in said
+    assert 'free space' in said
+    assert str(tmp_path) not in said
+
+
 def test_recordings_may_be_given_in_the_terminal(tmp_path):
     missing = run_program('pendubot', 'studio', tmp_path / 'none.csv', '--no-browser')
     assert missing.returncode == 1
@@ -240,7 +248,7 @@ def test_recordings_may_be_given_in_the_terminal(tmp_path):
         page = program.open()
         assert page.about['given'] == ['paper_experiment']
         assert page.do('describe', 'paper_experiment')['done']['joints'] == ['shoulder', 'elbow']
-        assert str(SAMPLE) in page.post('command', 'paper_experiment').read().decode()
+        assert str(SAMPLE) in page.do('identify', 'paper_experiment', **QUICK)['done']['command']
 
 
 def test_an_option_or_a_recording_that_there_is_not_is_refused(page):
