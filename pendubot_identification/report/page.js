@@ -57,29 +57,14 @@
     return item;
   }
 
-  // Shades spans below the lines, and draws above them where recordings begin.
-  function shade({ ctx, bbox, valToPos }, spans) {
-    const place = (t) => Math.min(Math.max(valToPos(t, 'x', true), bbox.left), bbox.left + bbox.width);
+  // Shades spans below the lines; one without length is a line.
+  function shade({ ctx, bbox, scales, valToPos }, spans) {
+    const place = (t) => valToPos(Math.min(Math.max(t, scales.x.min), scales.x.max), 'x', true);
     for (const [begin, end, colour] of spans) {
-      ctx.fillStyle = colour + '2e';
-      ctx.fillRect(place(begin), bbox.top, place(end) - place(begin), bbox.height);
+      if (end < scales.x.min || begin > scales.x.max) continue;
+      ctx.fillStyle = colour;
+      ctx.fillRect(place(begin), bbox.top, Math.max(place(end) - place(begin), 1), bbox.height);
     }
-  }
-  function mark({ ctx, bbox, scales, valToPos }, boundaries) {
-    ctx.save();
-    Object.assign(ctx, { fillStyle: '#777777', strokeStyle: '#777777', textAlign: 'left' });
-    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
-    ctx.setLineDash([4, 4]);
-    boundaries.forEach((begin, k) => {
-      if (begin < scales.x.min || begin > scales.x.max) return;
-      const x = valToPos(begin, 'x', true);
-      ctx.beginPath();
-      ctx.moveTo(x, bbox.top);
-      ctx.lineTo(x, bbox.top + bbox.height);
-      ctx.stroke();
-      ctx.fillText(k + 1, x + 4, bbox.top + 12 * devicePixelRatio);
-    });
-    ctx.restore();
   }
 
   function addPanel(box, plot, data, last, extent) {
@@ -90,27 +75,16 @@
       line, element('output', legend(head, line.colour, line.label)),
     ]);
     panel.fit = element('b', head, '', { className: 'fit' });
-    const lines = [{}], bands = [];
     panel.table = () => [data.t, ...data.lines.flatMap(({ y, upper }) => (upper ? [y, upper] : [y]))];
-    for (const line of data.lines) {
-      lines.push(series(line));
-      if (line.upper) {
-        lines.push(series(line));
-        bands.push({ series: [lines.length - 1, lines.length - 2], fill: line.colour + '40' });
-      }
-    }
-    const within = (chart, low, high) => {
-      const [least, most] = data.reach || [-Infinity, Infinity];
-      if (low === null || low === undefined) return data.reach || [-1, 1];
-      const space = 0.05 * (high - low) || Math.abs(high) || 1;
-      return [Math.max(low - space, least), Math.min(high + space, most)];
-    };
+    const lines = [{}, ...data.lines.flatMap((line) => (line.upper ? [series(line), series(line)] : [series(line)]))];
+    // A band is the first line of its panel.
+    const bands = data.lines.filter(({ upper }) => upper).map(({ colour }) => ({ series: [2, 1], fill: colour + '40' }));
     const tick = { stroke: INK, font: FONT, grid: { stroke: PALE, width: 1 }, ticks: { show: false } };
     const followed = ['mousemove', 'mouseleave'];
     panel.chart = new uPlot({
       width: Math.max(box.clientWidth, 200), height: last ? 138 : 104, legend: { show: false }, bands, series: lines,
       padding: [4, 10, last ? 0 : 4, 0],
-      scales: { x: { time: false, min: extent[0], max: extent[1] }, y: { range: within } },
+      scales: { x: { time: false, min: extent[0], max: extent[1] }, y: data.reach ? { range: data.reach } : {} },
       axes: [last ? { ...tick, label: 'time [s]', labelFont: FONT, labelSize: 16, size: 24 } : { ...tick, size: 0, values: () => [] },
         { ...tick, size: GUTTER, space: 26, values: (chart, ticks) => ticks.map((y) => signed(+y.toPrecision(6))) }],
       cursor: { y: false, points: { show: false }, drag: { x: true, y: false, setScale: false },
@@ -124,7 +98,6 @@
         }],
         setCursor: [({ cursor, posToVal }) => read(panel, cursor.left >= 0 ? posToVal(cursor.left, 'x') : null)],
         drawClear: [(chart) => shade(chart, plot.spans)],
-        draw: [(chart) => mark(chart, plot.boundaries)],
       },
     }, panel.table(), box);
     panels.push(panel);
@@ -136,7 +109,7 @@
     const times = plot.panels.flatMap(({ t }) => [t[0], t.at(-1)]).filter(isFinite);
     const extent = [Math.min(...times), Math.max(...times)];
     const kinds = new Map(plot.spans.filter(([, , , label]) => label).map(([, , colour, label]) => [label, colour]));
-    for (const [label, colour] of kinds) legend(tools, colour + '66', label, 'swatch broad');
+    for (const [label, colour] of kinds) legend(tools, colour, label, 'swatch broad');
     const own = plot.panels.map((data, k) => addPanel(box, plot, data, k === plot.panels.length - 1, extent));
     const acts = [['−', 'zoom out', '-', 1.6, 0], ['+', 'zoom in', '+', 1 / 1.6, 0], ['‹', 'earlier', 'ArrowLeft', 1, -0.25],
       ['›', 'later', 'ArrowRight', 1, 0.25], ['all', 'show all', 'Home', Infinity, 0]];

@@ -27,7 +27,9 @@ from .time_plot import Line, Panel, Span, TimePlot
 
 Array = NDArray[np.float64]
 
-MEASURED, SIMULATED, ESTIMATION, VALIDATION = '#1a1a1a', '#d55e00', '#56b4e9', '#e69f00'
+MEASURED, SIMULATED = '#1a1a1a', '#d55e00'
+#: Of spans, and their opacity.
+ESTIMATION, VALIDATION, CHANGE = '#56b4e92e', '#e69f002e', '#d55e002e'
 #: Colours that can be told apart by everyone (Okabe and Ito).
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7')
 STATES = (('q1', 'rad'), ('q2', 'rad'), ("q1'", 'rad/s'), ("q2'", 'rad/s'))
@@ -50,10 +52,10 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """Recordings one after the other: what to add to the times [s] of each, and where each begins [s]."""
+    """Recordings one after the other: what to add to the times [s] of each, and a mark where each begins."""
 
     shifts: Mapping[str, float] = field(default_factory=dict)
-    begins: Sequence[float] = ()
+    marks: Sequence[Span] = ()
 
     @classmethod
     def of(cls, motions: Sequence[Trajectory]) -> Timeline:
@@ -62,13 +64,14 @@ class Timeline:
         for motion in motions:
             spans.setdefault(_recording(motion.name), []).extend((float(motion.t[0]), float(motion.t[-1])))
         shifts: dict[str, float] = {}
-        begins: list[float] = []
+        marks: list[Span] = []
         end = None
         for name, times in spans.items():
             shifts[name] = 0.0 if end is None else end - min(times)
-            begins.append(min(times) + shifts[name])
+            if end is not None:
+                marks.append(Span(end, end, GREY))
             end = max(times) + shifts[name]
-        return cls(shifts, begins if len(begins) > 1 else ())
+        return cls(shifts, marks)
 
     def shift(self, name: str) -> float:
         """Return what to add to the times [s] of a recording, or of a part of it."""
@@ -95,7 +98,7 @@ def plot_recordings(training: Sequence[Trajectory], validation: Sequence[Traject
     kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
     spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
     about = {'driven': driven, 'recordings': list(timeline.shifts)}
-    return Picture('recordings', TimePlot(panels, spans, timeline.begins), about)
+    return Picture('recordings', TimePlot(panels, [*spans, *timeline.marks]), about)
 
 
 def plot_simulation(simulation: Simulation, timeline: Timeline, *, validation: bool) -> Picture:
@@ -131,7 +134,7 @@ def plot_simulation(simulation: Simulation, timeline: Timeline, *, validation: b
         'tau': [[float(f'{x:.5g}') for x in torque] for torque in simulation.tau.tolist()],
         'scale': simulation.scale.tolist(),
     }
-    return Picture('simulation', TimePlot(panels, boundaries=timeline.begins, live=live), about)
+    return Picture('simulation', TimePlot(panels, timeline.marks, live), about)
 
 
 def plot_residuals(residuals: Residuals, timeline: Timeline) -> Picture:
@@ -141,7 +144,7 @@ def plot_residuals(residuals: Residuals, timeline: Timeline) -> Picture:
         Line(channel, [y[:, k] for _, _, y in residuals.parts], COLOURS[k], 0.7)
         for k, channel in enumerate(residuals.names)
     ]
-    plot = TimePlot([Panel('', residuals.unit, times, lines)], boundaries=timeline.begins)
+    plot = TimePlot([Panel('', residuals.unit, times, lines)], timeline.marks)
     return Picture(f'residuals_{residuals.criterion}', plot, {'cumulative': residuals.cumulative})
 
 
@@ -152,7 +155,7 @@ def plot_unexplained_torque(left: UnexplainedTorque, timeline: Timeline) -> Pict
         Panel(joint, 'N m', times, [Line('', [torque[:, k] for torque in left.torque], COLOURS[k], 0.7)])
         for k, joint in enumerate(('shoulder', 'elbow'))
     ]
-    return Picture('torque_left', TimePlot(panels, boundaries=timeline.begins))
+    return Picture('torque_left', TimePlot(panels, timeline.marks))
 
 
 def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
@@ -177,7 +180,7 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
         end = max(event.end, begin + 0.003 * float(t[-1] - t[0]))  # wide enough to be seen
         changed = isinstance(event, Change)
         label = 'change' if changed else type(event).__name__.lower()
-        spans.append(Span(begin, end, SIMULATED if changed else VALIDATION, label))
+        spans.append(Span(begin, end, CHANGE if changed else VALIDATION, label))
     return Picture('track', TimePlot(panels, spans))
 
 

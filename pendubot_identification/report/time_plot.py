@@ -21,7 +21,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from .style import GREY
 from .table import SUPERSCRIPTS, typeset
 
 Array = NDArray[np.float64]
@@ -84,7 +83,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A shaded interval of time [s]; ``label`` is in the legend."""
+    """An interval of time [s], shaded, or a line where its length is 0; ``label`` is in the legend."""
 
     begin: float
     end: float
@@ -97,13 +96,11 @@ class TimePlot:
     """Panels over one time axis [s].
 
     Attributes:
-        boundaries: where each recording begins, in order, also outside of the plot.
         live: measured motion from which the page simulates the lines itself; None where it does not.
     """
 
     panels: Sequence[Panel]
     spans: Sequence[Span] = ()
-    boundaries: Sequence[float] = ()
     live: Mapping[str, Any] | None = None
 
     def data(self) -> dict[str, Any]:
@@ -111,7 +108,6 @@ class TimePlot:
         return {
             'live': self.live,
             'spans': [[round(s.begin, 5), round(s.end, 5), s.colour, s.label] for s in self.spans],
-            'boundaries': [round(begin, 5) for begin in self.boundaries],
             'panels': [panel.data() for panel in self.panels],
         }
 
@@ -120,7 +116,7 @@ class TimePlot:
         figure = Figure(figsize=(7.2, 0.8 + 0.75 * len(self.panels)), layout='constrained')
         self.draw(figure.subplots(len(self.panels), 1, squeeze=False, sharex=True).ravel())
         kinds = {span.label: span.colour for span in self.spans if span.label}
-        if patches := [Patch(color=colour, alpha=0.4, label=label) for label, colour in kinds.items()]:
+        if patches := [Patch(color=colour, label=label) for label, colour in kinds.items()]:
             figure.legend(handles=patches, loc='outside upper left', ncols=4)
         return figure
 
@@ -131,20 +127,14 @@ class TimePlot:
         for panel, axis in zip(data['panels'], axes, strict=False):
             for line in panel['lines']:
                 _draw(axis, np.array(panel['t']), line)
-            for begin, end, colour, _ in data['spans']:
-                axis.axvspan(begin, end, color=colour, alpha=0.18, linewidth=0)
+            first, last = panel['t'][0], panel['t'][-1]
+            for begin, end, colour, _ in (span for span in data['spans'] if first <= span[1] and span[0] <= last):
+                axis.axvspan(begin, end, color=colour, linewidth=0 if end > begin else 0.8)
             axis.set(ylabel=panel['label'].replace(' [', '\n['), ylim=panel['reach'])
             handles, earlier = axis.get_legend_handles_labels()[0], labels
             labels = [line['label'] for line in panel['lines'] if line['label']]
             if len(handles) > 1 and labels != earlier:
                 axis.legend(handles=handles, loc='lower left', bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0.2)
-        shown = axes[0].get_xlim()
-        for number, begin in enumerate(self.boundaries, 1):
-            if shown[0] < begin < shown[1]:
-                place = axes[0].get_xaxis_transform()
-                axes[0].text(begin, 1.0, f' {number}', transform=place, va='top', fontsize=7, color=GREY)
-                for axis in axes if number > 1 else ():
-                    axis.axvline(begin, color=GREY, linestyle='--', linewidth=0.8)
         axes[-1].set_xlabel('time [s]')
 
 

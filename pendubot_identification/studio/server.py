@@ -60,11 +60,13 @@ class Session:
 
     Attributes:
         folder: private; received files are in ``files``, those of the result in ``output``.
-        recordings: their places by their names, absolute or, of received ones, relative to ``files``.
+        given: the places of recordings that were given in the terminal, by their names.
+        recordings: the places of all recordings, absolute or relative to ``files``.
         size: of the files that were received [bytes].
     """
 
     folder: Path
+    given: Mapping[str, str]
     recordings: dict[str, str]
     size: int = 0
 
@@ -78,8 +80,8 @@ class Session:
         sound = all(p.isprintable() and 0 < len(p) < LONGEST_NAME and p[0] not in '.-' and '\\' not in p for p in parts)
         if not sound or len(parts) > 2:
             raise PendubotError(f'{name!r} is no name of a recording; rename the file, without a leading dot or hyphen')
-        if os.path.isabs(self.recordings.get(parts[0], '')):
-            raise PendubotError(f'the studio has another recording {parts[0]} already; rename the file')
+        if parts[0] in self.given:
+            raise PendubotError(f'a recording {parts[0]} was given in the terminal; rename one of the two')
         return self.folder / 'files' / name
 
 
@@ -143,7 +145,7 @@ class Studio:
             raise PendubotError(f'{SESSIONS} pages are open already, which is the limit; close one of them')
         name = secrets.token_urlsafe(12)
         recordings = {'paper_experiment': str(resource('bags/paper_experiment'))} | self._given
-        self._sessions[name] = Session(self._root / name, recordings)
+        self._sessions[name] = Session(self._root / name, self._given, recordings)
         (self._root / name / 'files').mkdir(parents=True)
         about = {name: _described(setting) for name, setting in SETTINGS.items()}
         known = {'session': name, 'given': list(self._given), 'settings': about, 'live': find_spec('rclpy') is not None}
