@@ -630,7 +630,7 @@ class Identified(_Exportable):
         Raises:
             PendubotError: the folder holds something already, or cannot be written.
         """
-        from .report.folder import write_report
+        from .report.page import write_report
 
         notes: list[str] = []
         try:
@@ -652,7 +652,7 @@ class Identified(_Exportable):
         Raises:
             PendubotError: the recordings of a loaded result cannot be read again.
         """
-        from .report.folder import Prepared
+        from .report.plots import Prepared
 
         if what not in PLOTS:
             raise ParameterError(f'there is no plot {what!r}; {", ".join(PLOTS)} are expected')

@@ -26,6 +26,8 @@ from pendubot_identification.results.result import ReportedEffect
 from pendubot_identification.trajectories.motion import Motion
 
 Array = NDArray[np.float64]
+#: The name of each recording, times [s], shape (N,), and values at these, shape (N, C).
+Parts = Sequence[tuple[str, Array, Array]]
 
 #: Duration of each simulation [s], the longest horizon of the predictions, or as long as the motion allows.
 AHEAD = HORIZONS[-1]
@@ -69,7 +71,7 @@ class Residuals:
 
     Attributes:
         names: of the C channels.
-        parts: the name of each recording, the times [s], shape (N,), and the residuals, shape (N, C).
+        parts: the residuals.
         overlap: residuals nearer than this [s] share data, so they are correlated with any model; infinite if each
             residual contains all data before it.
         lags: [s], shape (M,).
@@ -80,51 +82,30 @@ class Residuals:
     criterion: str
     unit: str
     names: tuple[str, ...]
-    parts: tuple[tuple[str, Array, Array], ...]
+    parts: Parts
     overlap: float
     lags: Array
     autocorrelation: Array
     band: float
 
-    @property
-    def cumulative(self) -> bool:
-        """Whether each residual contains all data before it."""
-        return bool(np.isinf(self.overlap))
 
-
-@dataclass(frozen=True, slots=True)
-class UnexplainedTorque:
-    """The torque that the parameters do not explain, and the motion at the same times.
-
-    Attributes:
-        names: of the recordings.
-        times: of each recording [s], shapes (K,).
-        torque: of both joints, averaged by the weak criterion's test functions [N m], shapes (K, 2).
-        abscissas: by name, the quantities to plot it against, of shoulder and elbow, at all times, shapes (sum K, 2).
-    """
-
-    names: tuple[str, ...]
-    times: tuple[Array, ...]
-    torque: tuple[Array, ...]
-    abscissas: dict[str, Array]
-
-
-def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> UnexplainedTorque:
+def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> tuple[Parts, dict[str, Array]]:
     """Return the torque that an estimate does not explain: the weak-form residuals of both joints.
+
+    Returns:
+        The torque of both joints, averaged by the test functions [N m]; by name, the quantities to plot it against, of
+        shoulder and elbow, at the times of all K values together, shapes (K, 2).
 
     Raises:
         TrajectoryError: a recording is shorter than a test function.
     """
     made = [weak_regression(m, answer.model, answer.delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
     times = [r.t[::3] for r in made]
+    torque = [(r.y - r.phi @ answer.theta).reshape(-1, 3)[:, :2] for r in made]
     states = np.concatenate([m.states(t) for m, t in zip(motions, times, strict=True)], axis=1)
     tau = np.concatenate([m.impulse(t - answer.delay, 1) for m, t in zip(motions, times, strict=True)])
-    return UnexplainedTorque(
-        names=tuple(m.name for m in motions),
-        times=tuple(times),
-        torque=tuple((r.y - r.phi @ answer.theta).reshape(-1, 3)[:, :2] for r in made),
-        abscissas={'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]},
-    )
+    against = {'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]}
+    return list(zip([m.name for m in motions], times, torque, strict=True)), against
 
 
 def known_effects(motions: Sequence[Motion], delay: float, listed: Sequence[ReportedEffect]) -> list[FoundEffect]:
@@ -200,7 +181,7 @@ def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> 
         criterion=answer.criterion,
         unit=unit,
         names=names,
-        parts=tuple((m.name, *part) for m, part in zip(motions, parts, strict=True)),
+        parts=[(m.name, *part) for m, part in zip(motions, parts, strict=True)],
         overlap=overlap,
         lags=np.asarray(interval * np.arange(lags + 1)),
         autocorrelation=_autocorrelation([values for _, values in parts], lags),

@@ -19,8 +19,7 @@ from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.report.folder import write_failure, write_report, write_track
-from pendubot_identification.report.page import result_page
+from pendubot_identification.report.page import result_page, write_failure, write_report, write_track
 from pendubot_identification.report.plots import plot_track
 from pendubot_identification.report.table import Table
 from pendubot_identification.results.result import Parameter, PartialResult

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pendubot_identification.report import figures, plots
+from pendubot_identification.report import plots
 from pendubot_identification.report.time_plot import Line, Panel, TimePlot, joined, thinned
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import plain
@@ -43,8 +43,8 @@ def test_thinned_lines_keep_what_can_be_seen(values):
 def test_an_hour_at_1_kHz_makes_small_figures():
     hour, timeline = motion(3_600_000, 0.001), plots.Timeline()
     for picture in (
-        plots.plot_recordings([hour], []),
-        plots.plot_residuals(residuals(3_600_000, 0.001, channels=1), timeline),
+        *plots.plot_recordings([hour], []),
+        plots.draw_residuals(residuals(3_600_000, 0.001, channels=1), timeline)[0],
     ):
         assert all(len(content) < 400_000 for content in picture.files('svg', 'png').values())
         assert len(json.dumps(picture.content.data())) < 150_000
@@ -54,12 +54,10 @@ def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
     parts = [motion(name='a@0:3'), motion(name='b'), motion(name='a@3:', start=3.0)]
     timeline = plots.Timeline.of(parts)
     assert timeline.shifts == {'a': 0.0, 'b': pytest.approx(5.99)}
-    plot = plots.plot_recordings(parts[:2], parts[2:]).content
-    others = [
-        plots.plot_simulation(simulation(), timeline, validation=True),
-        plots.plot_unexplained_torque(unexplained_torque(), timeline),
-    ]
-    for each in (plot, *(other.content for other in others)):
+    plot = plots.plot_recordings(parts[:2], parts[2:])[0].content
+    fitted = plots.plot_simulation(simulation(), timeline, validation=True)[0].content
+    torque = plots.draw_unexplained_torque(*unexplained_torque(), timeline)[0].content
+    for each in (plot, fitted, torque):
         assert [span.begin for span in each.spans if span.begin == span.end] == [pytest.approx(5.99)]
     assert plots.Timeline.of(parts[::2]).marks == []
     within = [(s.begin, s.end) for s in plot.spans if s.label]
@@ -70,7 +68,7 @@ def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
     states = np.zeros((201, 4, 3))
     states[100:] = np.nan
     states[80:100] = 1e300
-    picture = plots.plot_simulation(simulation(simulated=states), plots.Timeline(), validation=True)
+    (picture,) = plots.plot_simulation(simulation(simulated=states), plots.Timeline(), validation=True)
     svg = picture.files('svg')['svg']
     assert b'inf' not in svg
     assert b'nan' not in svg
@@ -79,7 +77,7 @@ def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
 def test_no_correlations_where_everything_lies_on_a_bound():
     result = plain()
     result['criteria'][result['criterion']]['correlation'] = [[None] * 7] * 7
-    assert figures.draw_correlation(typed(result)) == []
+    assert plots.draw_correlation(typed(result)) == []
 
 
 def test_pieces_are_one_line_with_gaps_where_time_always_ascends():

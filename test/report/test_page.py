@@ -22,10 +22,8 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.report import rig
-from pendubot_identification.report.figures import draw_correlation
-from pendubot_identification.report.folder import write_failure, write_report
-from pendubot_identification.report.page import failure_page, result_page
-from pendubot_identification.report.plots import Timeline, plot_recordings, plot_simulation
+from pendubot_identification.report.page import failure_page, result_page, write_failure, write_report
+from pendubot_identification.report.plots import Timeline, draw_correlation, plot_recordings, plot_simulation
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.corrections import identify_recordings
@@ -120,7 +118,7 @@ def test_every_picture_is_shown_with_what_a_good_one_looks_like():
 def test_captions_follow_from_what_was_drawn():
     several = plot_recordings([motion(name='a@0:3'), motion(name='b')], [])
     fitted = plot_simulation(simulation(), Timeline(), validation=False)
-    text = ' '.join(result_page(typed(plain()), [several, fitted]).split())
+    text = ' '.join(result_page(typed(plain()), [*several, *fitted]).split())
     for said in ('these recordings one after the other', 'There are no validation data', 'for 1 s from the measured'):
         assert said in text
     assert 'on the training data' in text
@@ -136,7 +134,7 @@ def test_nothing_comes_from_elsewhere():
     }
     assert not page.tags & {'iframe', 'object', 'form'}
     assert text.count('<script') == 2
-    source = result_page(typed(plain()), [plot_simulation(simulation(), Timeline(), validation=True)])
+    source = result_page(typed(plain()), plot_simulation(simulation(), Timeline(), validation=True))
     assert source.count('<script') == 2
     assert 'Permission is hereby granted' in source, "the library's licence"
     assert not any(word in source for word in (' src="http', '@import', 'url(http'))
@@ -279,7 +277,7 @@ def test_what_a_user_named_is_no_markup():
     text = result_page(typed(result), [], notes=['<script>'])
     assert text.count('<script') == 2, "the page's own"
     named = plot_recordings([motion(name='</script><iframe>'), motion(name='b')], [])
-    assert 'iframe' not in Page(result_page(typed(result), [named])).tags
+    assert 'iframe' not in Page(result_page(typed(result), named)).tags
     assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
 
 
