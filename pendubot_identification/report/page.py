@@ -24,7 +24,6 @@ from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.formats.code import javascript
-from pendubot_identification.model.parameters import SPECIFICATIONS
 from pendubot_identification.results.result import Predicted, Result
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.tracking.events import Event, State
@@ -67,7 +66,6 @@ def result_page(
         'beside': beside,
         'notes': notes,
         'compared': compared or {},
-        'meanings': {s.name: s.meaning for s in SPECIFICATIONS},
         'downloads': {name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
         'rig': model,
         'lengths': rig.proportions(result),

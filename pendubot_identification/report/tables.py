@@ -6,9 +6,7 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,7 @@ from pendubot_identification.excitation.design import Experiment
 from pendubot_identification.excitation.design import Predicted as Excited
 from pendubot_identification.identify.assessment import SETTINGS as ASSESSMENT
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.model.parameters import NAMES, UNITS, Parameters
+from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNITS, Parameters
 from pendubot_identification.results.result import CriterionAnswer, Parameter, PartialResult, Predicted, Result
 
 from .table import Table, number, wrapped
@@ -29,33 +27,28 @@ VERDICTS = {
     Level.ERROR: 'do not use these parameters in a controller',
 }
 HOLDS = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
+MEANINGS = {each.name: each.meaning for each in SPECIFICATIONS}
 STATES = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
 
 #: Another result to be shown beside a result, and what to call it.
 Beside = tuple[PartialResult, str]
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterRow:
-    """A parameter of the selected criterion, in words and rounded numbers."""
-
-    name: str
-    unit: str
-    value: str
-    interval: str  #: the 95 % interval.
-    half_width: str  #: the value with the half-width of its interval.
-    part: float | None  #: half-width over value, at most 1; None where it is not known.
-    beside: str  #: the estimate of another result.
-    doubts: list[str]  #: why the estimate is not reliable, and correlated parameters.
-    advice: list[str]  #: the motion that would determine it better.
+def estimate(entry: Parameter, format: str) -> str:
+    """Return the value of a parameter with the half-width of its 95 % interval."""
+    return _with_error(entry.value, entry.std_error, format, entry.quantile)
 
 
-def parameter_rows(result: Result, beside: Beside | None = None) -> list[ParameterRow]:
-    """Return a row for each parameter."""
-    format = rounding(result.parameters.values())
-    answer = result.criteria[result.criterion]
+def relative_half_width(entry: Parameter) -> float | None:
+    """Return the half-width of the 95 % interval over the value, at most 1; None where it is not known."""
+    half_width = None if entry.std_error is None else entry.quantile * entry.std_error
+    return None if half_width is None else min(half_width / abs(entry.value), 1.0) if entry.value else 1.0
+
+
+def detail_table(result: Result, beside: Beside | None = None) -> Table:
+    """Return a row for each parameter: meaning, 95 % interval, doubts, and the estimate of another result."""
+    format, answer = rounding(result.parameters.values()), result.criteria[result.criterion]
     correlation = dict(zip(answer.parameters, answer.correlation, strict=False))
-    others = beside[0].parameters if beside else {}
     rows = []
     for name, entry in result.parameters.items():
         together = [
@@ -63,41 +56,40 @@ def parameter_rows(result: Result, beside: Beside | None = None) -> list[Paramet
             for other, value in zip(answer.parameters, correlation.get(name, ()), strict=False)
             if other != name and value is not None and abs(value) > ASSESSMENT.correlated
         ]
-        reasons = filter(None, dict.fromkeys([_doubt(entry), (result.not_covered or {}).get(name)]))
-        half_width = None if entry.std_error is None else entry.quantile * entry.std_error
+        doubts = dict.fromkeys([_doubt(entry), (result.not_covered or {}).get(name, ''), *together])
         rows.append(
-            ParameterRow(
-                name=name,
-                unit=entry.unit,
-                value=number(entry.value, format),
-                interval=' to '.join(number(bound, format) for bound in entry.interval),
-                half_width=_with_error(entry.value, entry.std_error, format, entry.quantile),
-                part=None if half_width is None else min(half_width / abs(entry.value), 1.0) if entry.value else 1.0,
-                beside=number(others[name].value, format) if name in others else '',
-                doubts=[*reasons, *together],
-                advice=[sentence for sentence in result.advice if name in _subject(sentence)],
-            )
+            [f'{name} [{entry.unit}]', MEANINGS[name], _interval(entry, format), '; '.join(filter(None, doubts))]
         )
-    return rows
+        if beside:
+            other = beside[0].parameters.get(name)
+            rows[-1].append('' if other is None else number(other.value, format))
+    head = ['parameter', 'meaning', '95 % interval', 'doubts', *([beside[1]] if beside else [])]
+    return Table(head, rows, _notes(result))
 
 
 def parameter_table(result: Result) -> Table:
     """Return a row for each parameter: estimate, 95 % interval, the paper's estimate, and doubts."""
-    rows, papers, head = parameter_rows(result), {}, papers_head(result)
-    if head:
-        format, energy = rounding(result.parameters.values()), result.criteria['energy'].parameters
-        papers = {name: number(entry.value, format) for name, entry in energy.items()}
-    doubts = [_doubt(entry) for entry in result.parameters.values()]
+    format, entries, head = rounding(result.parameters.values()), result.parameters, papers_head(result)
+    papers = result.criteria['energy'].parameters if head else {}
+    doubts = [_doubt(entry) for entry in entries.values()]
     columns = [
-        ['', *(f'{row.name} [{row.unit}]' for row in rows)],
-        ['estimate', *(row.value for row in rows)],
-        ['95 % interval', *(row.interval for row in rows)],
-        [head, *(papers.get(row.name, '-') for row in rows)] if head else [],
+        ['', *(f'{name} [{entry.unit}]' for name, entry in entries.items())],
+        ['estimate', *(number(entry.value, format) for entry in entries.values())],
+        ['95 % interval', *(_interval(entry, format) for entry in entries.values())],
+        [head, *(number(papers[name].value, format) if name in papers else '-' for name in entries)] if head else [],
         ['', *doubts] if any(doubts) else [],
     ]
     titles, *lines = zip(*filter(None, columns), strict=True)
-    notes = [f'95 % intervals: {result.criteria[result.criterion].uncertainty}']
-    return Table(titles, lines, [*notes, *(f'not in the model: {which}' for which in result.not_in_model)])
+    return Table(titles, lines, _notes(result))
+
+
+def _interval(entry: Parameter, format: str) -> str:
+    return ' to '.join(number(bound, format) for bound in entry.interval)
+
+
+def _notes(result: Result) -> list[str]:
+    missing = (f'not in the model: {which}' for which in result.not_in_model)
+    return [f'95 % intervals: {result.criteria[result.criterion].uncertainty}', *missing]
 
 
 def _with_error(value: float | None, error: float | None, format: str, quantile: float = NORMAL_95) -> str:
@@ -137,16 +129,6 @@ def _doubt(entry: Parameter) -> str:
     return 'undetermined' if entry.determined is False else ''
 
 
-def _subject(advice: str) -> set[str]:
-    """Return the words of an advice before its reason in parentheses: they name its parameter."""
-    return set(re.findall(r'\w+', advice.partition('(')[0]))
-
-
-def other_advice(result: Result) -> list[str]:
-    """Return the advice that is about no parameter in particular."""
-    return [advice for advice in result.advice if not _subject(advice) & result.parameters.keys()]
-
-
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> Table:
     """Return a column a criterion: its parameters with their 95 % half-widths or, where known, their true errors."""
     format = rounding(found for answer in result.criteria.values() for found in answer.parameters.values())
@@ -156,7 +138,7 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
         if entry is None:
             return '-'
         if truth is None:
-            return _with_error(entry.value, entry.std_error, format, entry.quantile)
+            return estimate(entry, format)
         true = truth[name]
         error = f'{100 * (entry.value / true - 1):+.1f} %' if true else f'{entry.value:+.1e}'
         return f'{entry.value:{format}} {error:>9}'

@@ -63,17 +63,12 @@ function angle(x, y, radius, zero, now) {  // a dashed line where it is zero, an
   return html`<path class="dash" d="M${x} ${y} L${at(zero, radius + 10)}"/>
     <path class="arc" d="M${at(zero, radius)} A${radius} ${radius} 0 0 ${now > zero ? 0 : 1} ${at(now, radius)}"/>`;
 }
-function line(values, low, high, width = 100) {
-  const scale = high > low ? 30 / (high - low) : 0, step = width / Math.max(1, values.length - 1);
-  const point = (value, k) => `${(k * step).toFixed(2)} ${(30 - (value - low) * scale).toFixed(2)}`;
-  return `M${values.map(point).join('L')}`;
-}
 function spark(values) {
   if (!values) return '';
-  const low = Math.min(...values), high = Math.max(...values);
+  const low = Math.min(...values), high = Math.max(...values), scale = 30 / (high - low || 1);
+  const points = values.map((value, k) => `${(100 * k / values.length).toFixed(1)},${((high - value) * scale).toFixed(1)}`);
   return html`<svg class="spark" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true">
-    <path d="${line(values, low, high)}"/></svg>
-    <small>${number(low, 3)} to ${number(high, 3)}</small>`;
+    <polyline points="${points.join(' ')}"/></svg><small>${number(low, 3)} to ${number(high, 3)}</small>`;
 }
 
 /* ---- tasks: a request is answered by JSON lines; to abort it ends its program ---- */
@@ -301,17 +296,16 @@ function method() {
 
 /* ---- 5: fit ---- */
 async function fit() {
-  const began = performance.now(), stages = [], show = (event) => {
+  const stages = [], began = performance.now(), show = (event) => {
     const { progress: before } = state.fitting;
-    if (before && event.progress && before !== event.progress && !stages.includes(before)) stages.push(before);
+    if (before && before !== event.progress && !stages.includes(before)) stages.push(before);
     Object.assign(state.fitting, event, { seconds: Math.round((performance.now() - began) / 1000) });
     if ($('#fitting')) $('#fitting').innerHTML = progress().text;
   };
   Object.assign(state, { result: null, refused: null, fitting: { stages } });
-  const clock = setInterval(() => show({}), 500), work = task('identify', state.files, show);
+  const work = task('identify', state.files, show);
   draw();
   try { state.result = await work; } catch (error) { state.refused = error; }
-  clearInterval(clock);
   state.fitting = null;
   if (state.result && state.step === 4) go(5); else draw();
 }
@@ -350,14 +344,7 @@ function result() {
 }
 
 /* ---- the running rig ---- */
-const HISTORY = 200;
-function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
-  if (q) [...q, effort].forEach((value, k) => { if (traces[k].push(value) > HISTORY) traces[k].shift(); });
-  const trace = (...names) => {
-    const all = names.flatMap((k) => traces[k]), low = Math.min(...all), high = Math.max(...all, low + 1e-3);
-    return html`<svg class="trace" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true">${names.map((k) =>
-      html`<path class="trace${k}" d="${line(traces[k], low, high, 100 * traces[k].length / HISTORY)}"/>`)}</svg>`;
-  };
+function watched({ q, effort = 0, rate, parameters, level, message }) {
   const figure = (name, value, measure) => html`<div><dt>${name}</dt><dd>${value} <small>${measure}</small></dd></div>`;
   const side = Math.sign(effort), torque = side !== 0 &&
     html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
@@ -374,21 +361,19 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
     <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
       ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
         ${figure('q2', number(q[1], 3), 'rad')}
-        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>
-        ${trace(0, 1)}${trace(2)}
-        ${['q1', 'q2', 'effort'].map((name, k) => html`<span class="key trace${k}">${name}</span>`)}</div>`}</div>
+        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl></div>`}</div>
     <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
       <th scope="col">value</th><th scope="col">95 % interval</th><th scope="col" class="text">unit</th>
       <th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
       : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
 }
 async function watch() {
-  const traces = [[], [], []], show = (content) => { $('#live').innerHTML = content.text; };
+  const show = (content) => { $('#live').innerHTML = content.text; };
   watch.own = new AbortController();
   show(busy('listening'));
   try {
     await follow('live', { signal: watch.own.signal }, (event) =>
-      { if (event.problem) throw event.problem; show(watched(event, traces)); });
+      { if (event.problem) throw event.problem; show(watched(event)); });
   } catch (error) { if (error.name !== 'AbortError') show(refusal(error)); }
 }
 

@@ -14,8 +14,9 @@ from pendubot_identification.report.table import Table
 from pendubot_identification.report.tables import (
     comparison_table,
     effects_table,
-    parameter_rows,
+    estimate,
     parameter_table,
+    relative_half_width,
     summary,
     verdict,
     zero_table,
@@ -110,8 +111,8 @@ def test_intervals_are_by_the_degrees_of_freedom_of_their_standard_errors():
     first['interval'] = [first['value'] - 0.318, first['value'] + 0.318]
     for parameters in (result['parameters'], result['criteria'][result['criterion']]['parameters']):
         parameters['P1'] = first
-    assert parameter_rows(typed(result))[0].part == 1.0
-    assert '± 0.31' in parameter_rows(typed(result))[0].half_width
+    assert relative_half_width(typed(result).parameters['P1']) == 1.0
+    assert estimate(typed(result).parameters['P1'], '.2f').endswith('± 0.32')
     assert '± 0.31' in comparison_table(typed(result)).text()
 
 
