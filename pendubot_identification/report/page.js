@@ -8,7 +8,7 @@
 (() => {
   const { plots, rig } = JSON.parse(document.getElementById('content').textContent);
   const panels = [];
-  const GUTTER = 54, INK = '#1a1a1a', PALE = '#dddddd', FONT = '11px system-ui, sans-serif';
+  const GUTTER = 62, INK = '#1a1a1a', PALE = '#dddddd', FONT = '11px system-ui, sans-serif';
   let animate = () => {};
   const element = (tag, parent, text = '', others = {}) => {
     const made = Object.assign(document.createElement(tag), { textContent: text, ...others });
@@ -165,16 +165,16 @@
   // The measured motion of a plot, and its simulation from a chosen start, again and again every so many steps.
   function addSimulation(plot) {
     const { first, step, states, tau, scale, every } = plot.live, last = states[0].length - 1;
-    const t = states[0].map((_, k) => first + k * step), scaled = plot.panels.map(({ power }) => 10 ** power);
+    const t = states[0].map((_, k) => first + k * step);
     const errors = plot.panels.slice(4).flatMap(({ lines }) => lines);
     for (const panel of plot.panels) {
       panel.t = t;
       for (const line of panel.lines) line.y = t.map(() => null);
     }
-    states.forEach((state, j) => { plot.panels[j].lines[0].y = state.map((x) => x / scaled[j]); });
+    states.forEach((state, j) => { plot.panels[j].lines[0].y = state; });
     const drawn = states.map((_, j) => {
       const { lines: [, simulated, dots], reach: [low, high] } = plot.panels[j];
-      return { simulated, dots, error: errors[j], far: 20 * (high - low) * scaled[j] };
+      return { simulated, dots, error: errors[j], far: 20 * (high - low) };
     });
     const measured = t.map((_, k) => states.map((state) => state[k]));
     const live = { t, step, tau, measured, simulated: [], p: [...rig.vectors.identified], start: 0, every, fit: [] };
@@ -189,11 +189,11 @@
           if (x.every(Number.isFinite)) live.simulated[begin + k] = x;
           drawn.forEach(({ simulated, dots, error, far }, j) => {
             const off = x[j] - states[j][begin + k];
-            if (!k) dots.y[begin] = x[j] / scaled[j];
+            if (!k) dots.y[begin] = x[j];
             else squares[j] += off * off < 1e6 ? off * off : 1e6;
             if (k > shown || !(Math.abs(off) < far)) return;
-            simulated.y[begin + k] = x[j] / scaled[j];
-            error.y[begin + k] = off / scaled[4 + (j >> 1)];
+            simulated.y[begin + k] = x[j];
+            error.y[begin + k] = off;
           });
         });
       }

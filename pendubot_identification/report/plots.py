@@ -32,7 +32,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from . import figure_data
 from .figure_data import Array, Parts, Residuals, Simulation
 from .style import GREY, SMALL, WIDTH, rendered, style
-from .time_plot import Line, Panel, Span, TimePlot, in_powers, scaled, thinned
+from .time_plot import Line, Panel, Span, TimePlot, thinned
 
 #: The motions that estimate, and those that validate.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
@@ -190,14 +190,13 @@ def draw_unexplained_torque(parts: Parts, against: Mapping[str, Array], timeline
         line = Line('', [values[:, k] for _, _, values in parts], COLOURS[k], 0.7)
         panels.append(Panel(joint, 'N m', timeline.times(parts), [line]))
         kept = torque[usual[:, k], k]
-        power = scaled(float(np.abs(kept).max(initial=0.0)))
-        row[0].set_ylabel(f'{joint}\n[{in_powers("N m", power)}]')
+        row[0].set_ylabel(f'{joint}\n[N m]')
         for axis, (name, values) in zip(row, against.items(), strict=True):
             x = values[usual[:, k], k]
             edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
             if len(edges) > 2:
                 means = binned_statistic(x, kept, bins=edges).statistic
-                axis.plot((edges[1:] + edges[:-1]) / 2, means / 10.0**power, color=COLOURS[k])
+                axis.plot((edges[1:] + edges[:-1]) / 2, means, color=COLOURS[k])
                 axis.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
             if k == 1:
                 axis.set_xlabel(name)

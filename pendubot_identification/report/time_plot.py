@@ -21,14 +21,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from .table import SUPERSCRIPTS, typeset
+from .table import typeset
 
 Array = NDArray[np.float64]
 
 #: Largest number of times that a panel shows: of each interval the lowest and the highest value of each line.
 MOST_POINTS = 2400
-#: Values from SMALL to LARGE are shown as they are, others in a power of ten that their label states.
-SMALL, LARGE = 0.01, 1e4
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,16 +67,14 @@ class Panel:
         """Return the panel as plain data, thinned to what a screen shows: times, and the values of all lines there."""
         edges = [edge for line in self.lines for edge in (line.values, line.upper) if edge]
         t, values = joined(self.times, [np.column_stack(piece) for piece in zip(*edges, strict=True)])
-        power = scaled(float(np.nanmax(np.abs(self.reach if self.reach else values), initial=0.0)))
-        columns = iter([_numbers(column) for column in values.T / 10.0**power])
+        columns = iter([_numbers(column) for column in values.T])
         lines = []
         for line in self.lines:
             found = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
             lines.append(found | {'y': next(columns)} | ({'upper': next(columns)} if line.upper else {}))
-        label = f'{self.quantity} [{in_powers(self.unit, power)}]'.strip()
-        reach = self.reach and [b / 10.0**power for b in self.reach]
+        label = f'{self.quantity} [{typeset(self.unit)}]'.replace('[1]', '').strip()
         times = [round(at, 5) for at in t.tolist()]
-        return {'label': label, 'power': power, 'reach': reach, 't': times, 'lines': lines}
+        return {'label': label, 'reach': self.reach, 't': times, 'lines': lines}
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +109,7 @@ class TimePlot:
 
     def figure(self) -> Figure:
         """Return the plot as a static figure, as wide as a page of paper."""
-        figure = Figure(figsize=(7.2, 0.8 + 0.75 * len(self.panels)), layout='constrained')
+        figure = Figure(figsize=(7.2, max(1.8, 0.8 + 0.62 * len(self.panels))), layout='constrained')
         self.draw(figure.subplots(len(self.panels), 1, squeeze=False, sharex=True).ravel())
         kinds = {span.label: span.colour for span in self.spans if span.label}
         if patches := [Patch(color=colour, label=label) for label, colour in kinds.items()]:
@@ -177,17 +173,6 @@ def joined(times: Sequence[Array], values: Sequence[Array], most: int = MOST_POI
         end = float(found[-1][0][-1])
     t, piece = (np.concatenate(each) for each in zip(*(found[1:] or found), strict=True))
     return t, piece
-
-
-def scaled(largest: float) -> int:
-    """Return the power of ten in which values up to this are shown: 0 where they are legible as they are."""
-    return 0 if not 0 < largest < math.inf or SMALL <= largest < LARGE else math.floor(math.log10(largest))
-
-
-def in_powers(unit: str, power: int) -> str:
-    """Return a unit as it is read, ``10⁻³ kg m²``."""
-    unit = typeset('' if unit == '1' else unit)
-    return f'10{str(power).translate(SUPERSCRIPTS)} {unit}'.rstrip() if power else unit
 
 
 def _numbers(values: Array) -> list[float | None]:

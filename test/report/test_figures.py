@@ -91,19 +91,14 @@ def test_pieces_are_one_line_with_gaps_where_time_always_ascends():
     assert joined([], [])[0].shape == (0,)
 
 
-@pytest.mark.parametrize(('largest', 'label'), [(3e-5, 'a [10⁻⁵ kg m²]'), (0.02, 'a [kg m²]'), (0.0, 'a [kg m²]')])
-def test_small_values_are_shown_in_powers_of_ten_that_their_label_says(largest, label):
-    """On the page and in the static figure; a band has both its edges."""
+def test_a_band_has_both_its_edges_on_the_page_and_in_the_static_figure():
     t = np.arange(3.0)
-    lines = [Line('a', [np.full(3, largest / 3)], 'red', style='band', upper=[np.full(3, largest)])]
+    lines = [Line('a', [np.full(3, 1e-5)], 'red', style='band', upper=[np.full(3, 3e-5)])]
     plot = TimePlot([Panel('a', 'kg m^2', [t], lines)])
     (panel,) = plot.data()['panels']
-    assert panel['label'] == label
-    power = 1e-5 if largest == 3e-5 else 1
-    edges = [panel['lines'][0][key][0] for key in ('y', 'upper')]
-    assert edges == pytest.approx([largest / 3 / power, largest / power], rel=1e-5)
+    assert panel['label'] == 'a [kg m²]'
+    assert [panel['lines'][0][key][0] for key in ('y', 'upper')] == [1e-5, 3e-5]
     (axis,) = plot.figure().axes
-    assert axis.get_ylabel().replace('\n', ' ') == label
     assert len(axis.collections) == 1
 
 
