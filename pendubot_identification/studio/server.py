@@ -187,7 +187,7 @@ class Studio:
         """Do a task in a process of its own, which ends with the request."""
         session = self._session(request)
         task = {'task': request.match_info['task'], 'folder': str(session.folder), 'no_space': NO_SPACE}
-        job = task | _job(session, await request.json())
+        job = _job(session, await request.json()) | task
         spare = self._spare or self.prepare()
         self.prepare()
         process = await spare
@@ -297,14 +297,12 @@ def given_recordings(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def serve(files: Sequence[str], port: int, *, live: bool, browser: bool, debug: bool) -> None:
+def serve(files: Sequence[str], port: int, *, browser: bool, debug: bool) -> None:
     """Serve the studio on 127.0.0.1 until a signal.
 
     Raises:
-        PendubotError: a recording is missing, the port is taken, or there is no ROS for ``live``.
+        PendubotError: a recording is missing, or the port is taken.
     """
-    if live and find_spec('rclpy') is None:
-        raise PendubotError('--live needs ROS 2: source your ROS workspace, or leave it out')
     given = given_recordings(files)
     try:
         sock = socket.create_server(('127.0.0.1', port))
@@ -315,7 +313,7 @@ def serve(files: Sequence[str], port: int, *, live: bool, browser: bool, debug: 
     async def announce(_: web.Application) -> None:
         asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, signal.raise_signal, signal.SIGTERM)
         studio.prepare()
-        address = f'http://127.0.0.1:{sock.getsockname()[1]}/{studio.token}/' + ('#live' if live else '')
+        address = f'http://127.0.0.1:{sock.getsockname()[1]}/{studio.token}/'
         print(f'studio: {address}\nCtrl-C ends it and deletes its files', flush=True)
         if browser:
             await asyncio.to_thread(webbrowser.open, address)

@@ -359,13 +359,13 @@ function watched({ q, effort = 0, rate, parameters, level, message }) {
     : 'No joint states are published. Start the bridge.')}
     ${level ? note(level, html`<strong>${level}</strong> ${message}`) : message && note('ERROR', message)}
     <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
-      ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
+      <div class="card">${q && html`<dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
         ${figure('q2', number(q[1], 3), 'rad')}
-        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl></div>`}</div>
-    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
+        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>`}
+      ${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
       <th scope="col">value</th><th scope="col">95 % interval</th><th scope="col" class="text">unit</th>
       <th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
-      : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
+      : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div></div>`;
 }
 async function watch() {
   const show = (content) => { $('#live').innerHTML = content.text; };
@@ -466,6 +466,5 @@ async function start() {
   $('[data-do="view:live"]').hidden = !about.live;
   listen();
   draw();
-  if (location.hash === '#live' && about.live) view('live');
 }
 start();

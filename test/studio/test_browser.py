@@ -54,9 +54,9 @@ def opened(browser, studio):
     """Opens the studio; at the end nothing may have been said on the console, or asked of anyone else."""
     with watched(browser) as shown:
 
-        def opened(program=studio, view='', **how):
+        def opened(program=studio, **how):
             ours = 'data:', 'blob:', f'http://127.0.0.1:{program.port}/'
-            return shown(program.address + view, ours, LONG, **{'viewport': {'width': 1440, 'height': 900}} | how)
+            return shown(program.address, ours, LONG, **{'viewport': {'width': 1440, 'height': 900}} | how)
 
         yield opened
 
@@ -215,7 +215,8 @@ def test_the_folder_of_a_bag_is_dropped(opened):
 @pytest.mark.ros
 def test_the_running_rig_moves_in_the_page(opened):
     with Program.of_file(Path(__file__).with_name('publisher.py')):
-        page = opened(view='#live')
+        page = opened()
+        click(page, 'Live')
         expect(page.locator('dl')).to_contain_text('0.500')
         expect(page.get_by_text('b2 is poorly determined')).to_be_visible()
         expect(page.locator('tbody tr')).to_have_count(7)
