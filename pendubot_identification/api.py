@@ -588,6 +588,13 @@ class Identified(_Exportable):
         """The warnings, a sentence each."""
         return [as_arguments(warning) for warning in self.result.warnings]
 
+    @property
+    def command(self) -> str:
+        """The command line that identifies the same again; empty if a recording was in memory."""
+        from .report.rig import command
+
+        return command(self.result)
+
     def frame(self) -> DataFrame:
         """Return a row a parameter: value, std_error, low, high, unit, meaning.
 
@@ -623,7 +630,7 @@ class Identified(_Exportable):
         Raises:
             PendubotError: the folder holds something already, or cannot be written.
         """
-        from .report.folder import write_report
+        from .report.page import write_report
 
         notes: list[str] = []
         try:
@@ -645,7 +652,7 @@ class Identified(_Exportable):
         Raises:
             PendubotError: the recordings of a loaded result cannot be read again.
         """
-        from .report.folder import Prepared
+        from .report.plots import Prepared
 
         if what not in PLOTS:
             raise ParameterError(f'there is no plot {what!r}; {", ".join(PLOTS)} are expected')

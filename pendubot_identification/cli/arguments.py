@@ -484,10 +484,8 @@ def _studio(parser: Any) -> None:
     Examples:
       pendubot studio                     opens the page, and drops follow
       pendubot studio swing run.csv       with recordings
-      pendubot studio --live              shows the running rig first
     """
     parser.add_argument('files', nargs='*', metavar='BAG', help='recordings to begin with')
-    _switch(parser, '--live', 'show the running rig first (needs ROS)')
     _number(parser, '--port', 0, 'PORT', 'of the address; 0: any free one')
     _switch(parser, '--no-browser', 'only print the address')
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import textwrap
 
 from pendubot_identification.level import Level
-from pendubot_identification.report.tables import J_sentence, consequences, own_warnings, parameter_table, verdict
+from pendubot_identification.report.tables import J_sentence, own_warnings, parameter_table, remarks
 from pendubot_identification.results.result import Result
 
 from .terminal import columns, paint
@@ -21,15 +21,12 @@ COLOURS = {Level.OK: 'green', Level.WARN: 'yellow', Level.ERROR: 'red'}
 def brief(result: Result, files: int) -> str:
     """Return at most :data:`LINES` lines, less ``files``; the last line counts the remarks that are left out."""
     head = [*_sources(result), '', *_parameters(result), '', *_prediction(result), '']
-    level = [f'{result.level.name}: {warning}' for warning in result.warnings or [verdict(result)]]
-    if followed := len(consequences(result)):
-        level.append(f'{followed} more follow from that: the result file and the report list them')
     design = ['pendubot excite --design proposes a more informative motion'] if result.advice else []
-    remarks = [(remark, COLOURS[result.level]) for remark in level]
-    remarks += [(f'to do: {sentence}', 'bold') for sentence in (*result.advice, *design)]
+    shown = [(remark, COLOURS[result.level]) for remark in remarks(result)]
+    shown += [(f'to do: {sentence}', 'bold') for sentence in (*result.advice, *design)]
     room, lines = LINES - files - len(head), list[str]()
     left_out = sum(map(len, own_warnings(result).values()))
-    for remark, colour in remarks:
+    for remark, colour in shown:
         paragraph = textwrap.wrap(remark, columns(), subsequent_indent='  ', break_on_hyphens=False)
         # The first remark is always shown, and one line is kept for the last line.
         if lines and len(lines) + len(paragraph) >= room:

@@ -108,8 +108,8 @@ def _identify(rclpy: Any, folder: Path) -> None:
     if values != result.theta.vector(result.model).tolist():
         raise PendubotError(f'/pendubot/params has {values}, the result file other values; please report this')
     print(f'a subscriber that joined afterwards received /pendubot/params ({label}): {result.criterion}\n')
-    compared, runs = tables.comparison_table(result, asdict(PAPER)), tables.run_table(result)
-    shown = [compared, tables.prediction_table(result), tables.criterion_table(result), *([runs] if runs else [])]
+    compared = tables.comparison_table(result, asdict(PAPER))
+    shown = [compared, tables.prediction_table(result), tables.criterion_table(result)]
     print(*(table.text() for table in shown), tables.steps(result), tables.judgement(result), sep='\n\n')
     print(
         f'\nThe first {PAPER_RIG.samples // 2} samples estimate, the others validate. Encoder counts and central '

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
                 write_result(args.output, result, overwrite=args.force)
             save_settings(args, Conversion.of(result.reading))
             if folder is not None:
-                from pendubot_identification.report.folder import write_report  # imports matplotlib
+                from pendubot_identification.report.page import write_report  # imports matplotlib
 
                 with progress_bar(hidden=args.json) as progress:
                     page = write_report(folder, result, motions, beside, (), progress, static=args.figures)
@@ -157,7 +157,7 @@ def _identify(
         return assemble_result(found, data.sources), (data.training, data.validation)
     except Exception as error:
         if folder is not None:
-            from pendubot_identification.report.folder import write_failure  # imports matplotlib
+            from pendubot_identification.report.page import write_failure  # imports matplotlib
 
             asked = [f'estimate from {bag}' for bag in args.bags] + [f'validate on {bag}' for bag in args.validate]
             how = f'criterion {", ".join(settings.criteria)}; model {settings.model}; optimizer {settings.optimizer}'

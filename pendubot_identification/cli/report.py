@@ -10,7 +10,7 @@ import sys
 
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder, refuse_input
-from pendubot_identification.report.folder import write_report
+from pendubot_identification.report.page import write_report
 from pendubot_identification.results.provenance import recordings
 from pendubot_identification.results.result_file import read_complete_result
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import asyncio
 
 from pendubot_identification.errors import PendubotError
 
@@ -19,5 +18,5 @@ def run(args: argparse.Namespace) -> int:
         raise PendubotError(
             f'{error.name} cannot be imported, and the studio needs aiohttp: pip install aiohttp'
         ) from error
-    asyncio.run(serve(args.files, args.port, live=args.live, browser=not args.no_browser, debug=args.debug))
+    serve(args.files, args.port, browser=not args.no_browser, debug=args.debug)
     return 0

@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
                 write_atomically(args.output, text, overwrite=args.force)
                 written.append(args.output)
             if folder is not None:
-                from pendubot_identification.report.folder import write_track  # imports matplotlib
+                from pendubot_identification.report.page import write_track  # imports matplotlib
 
                 # Of many states some are dropped, perhaps the newest.
                 states = track.states if track.states[-1] is last else [*track.states, last]

@@ -26,6 +26,8 @@ from pendubot_identification.results.result import ReportedEffect
 from pendubot_identification.trajectories.motion import Motion
 
 Array = NDArray[np.float64]
+#: The name of each recording, times [s], shape (N,), and values at these, shape (N, C).
+Parts = Sequence[tuple[str, Array, Array]]
 
 #: Duration of each simulation [s], the longest horizon of the predictions, or as long as the motion allows.
 AHEAD = HORIZONS[-1]
@@ -69,7 +71,7 @@ class Residuals:
 
     Attributes:
         names: of the C channels.
-        parts: the name of each recording, the times [s], shape (N,), and the residuals, shape (N, C).
+        parts: the residuals.
         overlap: residuals nearer than this [s] share data, so they are correlated with any model; infinite if each
             residual contains all data before it.
         lags: [s], shape (M,).
@@ -80,66 +82,30 @@ class Residuals:
     criterion: str
     unit: str
     names: tuple[str, ...]
-    parts: tuple[tuple[str, Array, Array], ...]
+    parts: Parts
     overlap: float
     lags: Array
     autocorrelation: Array
     band: float
 
-    @property
-    def cumulative(self) -> bool:
-        """Whether each residual contains all data before it."""
-        return bool(np.isinf(self.overlap))
 
-
-@dataclass(frozen=True, slots=True)
-class Excitation:
-    """Root mean squares of the effects of D parameters in the rows of the weak criterion [N m, N m, W].
-
-    Attributes:
-        term: the parameter times its column, shape (D, 3).
-        own: the residual of a term after regression on all other columns, shape (D, 3).
-        residual: the residual of the weak criterion, shape (3,).
-    """
-
-    term: Array
-    own: Array
-    residual: Array
-
-
-@dataclass(frozen=True, slots=True)
-class UnexplainedTorque:
-    """The torque that the parameters do not explain, and the motion at the same times.
-
-    Attributes:
-        names: of the recordings.
-        times: of each recording [s], shapes (K,).
-        torque: of both joints, averaged by the weak criterion's test functions [N m], shapes (K, 2).
-        abscissas: by name, the quantities to plot it against, of shoulder and elbow, at all times, shapes (sum K, 2).
-    """
-
-    names: tuple[str, ...]
-    times: tuple[Array, ...]
-    torque: tuple[Array, ...]
-    abscissas: dict[str, Array]
-
-
-def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> UnexplainedTorque:
+def unexplained_torque(motions: Sequence[Motion], answer: Answer) -> tuple[Parts, dict[str, Array]]:
     """Return the torque that an estimate does not explain: the weak-form residuals of both joints.
+
+    Returns:
+        The torque of both joints, averaged by the test functions [N m]; by name, the quantities to plot it against, of
+        shoulder and elbow, at the times of all K values together, shapes (K, 2).
 
     Raises:
         TrajectoryError: a recording is shorter than a test function.
     """
     made = [weak_regression(m, answer.model, answer.delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
     times = [r.t[::3] for r in made]
+    torque = [(r.y - r.phi @ answer.theta).reshape(-1, 3)[:, :2] for r in made]
     states = np.concatenate([m.states(t) for m, t in zip(motions, times, strict=True)], axis=1)
     tau = np.concatenate([m.impulse(t - answer.delay, 1) for m, t in zip(motions, times, strict=True)])
-    return UnexplainedTorque(
-        names=tuple(m.name for m in motions),
-        times=tuple(times),
-        torque=tuple((r.y - r.phi @ answer.theta).reshape(-1, 3)[:, :2] for r in made),
-        abscissas={'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]},
-    )
+    against = {'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]}
+    return list(zip([m.name for m in motions], times, torque, strict=True)), against
 
 
 def known_effects(motions: Sequence[Motion], delay: float, listed: Sequence[ReportedEffect]) -> list[FoundEffect]:
@@ -192,12 +158,12 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
 def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> Residuals:
     """Return the residuals of an estimate by one criterion of the settings on its training data.
 
-    For ``likelihood`` (``trajectory`` in earlier results), these are the normalized innovations every 0.05 s.
+    For ``likelihood``, these are the normalized innovations every 0.05 s.
 
     Raises:
         TrajectoryError: the recordings are too short.
     """
-    if answer.criterion in ('likelihood', 'trajectory'):
+    if answer.criterion == 'likelihood':
         names: tuple[str, ...] = ('q1', 'q2')
         unit, overlap = 'standard deviations', 0.0
         t, z = standardised_innovations(motions, answer.theta, answer.delay, settings)
@@ -215,7 +181,7 @@ def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> 
         criterion=answer.criterion,
         unit=unit,
         names=names,
-        parts=tuple((m.name, *part) for m, part in zip(motions, parts, strict=True)),
+        parts=[(m.name, *part) for m, part in zip(motions, parts, strict=True)],
         overlap=overlap,
         lags=np.asarray(interval * np.arange(lags + 1)),
         autocorrelation=_autocorrelation([values for _, values in parts], lags),
@@ -232,8 +198,12 @@ def _autocorrelation(parts: Sequence[Array], lags: int) -> Array:
     return np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
 
 
-def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str] = NAMES) -> Excitation:
-    """Return the effect of each parameter of these names in the rows of ``weak``, on training data.
+def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str] = NAMES) -> tuple[Array, Array, Array]:
+    """Return root mean squares of the effects of D parameters in the rows of ``weak`` on training data [N m, N m, W].
+
+    Returns:
+        Each parameter times its column, shape (D, 3); the residual of that after regression on all other columns, shape
+        (D, 3); the residual of the criterion, shape (3,).
 
     Raises:
         TrajectoryError: the recordings are shorter than a test function.
@@ -253,7 +223,7 @@ def excitation(motions: Sequence[Motion], answer: Answer, names: Collection[str]
         imitated = others @ np.linalg.lstsq(others, weighted[:, k], rcond=None)[0]
         own[k] = _by_row(value * (weighted[:, k] - imitated) / weight)
     # A parameter without a term in a row has no part of its own there.
-    return Excitation(term, np.minimum(own, term), _by_row(y - phi @ theta))
+    return term, np.minimum(own, term), _by_row(y - phi @ theta)
 
 
 def _by_row(rows: Array) -> Array:

@@ -8,27 +8,15 @@
 (() => {
   const { plots, rig } = JSON.parse(document.getElementById('content').textContent);
   const panels = [];
-  const GUTTER = 54, INK = '#1a1a1a', PALE = '#dddddd', FONT = '11px system-ui, sans-serif';
+  const GUTTER = 62, INK = '#1a1a1a', PALE = '#dddddd', FONT = '11px system-ui, sans-serif';
   let animate = () => {};
   const element = (tag, parent, text = '', others = {}) => {
-    const made = document.createElement(tag);
-    made.textContent = text;
+    const made = Object.assign(document.createElement(tag), { textContent: text, ...others });
     parent.append(made);
-    return Object.assign(made, others);
-  };
-  const button = (parent, text, title, act) => {
-    const made = element('button', parent, text, { type: 'button', title });
-    if (text.length < 2) made.ariaLabel = title;
-    made.addEventListener('click', act);
     return made;
   };
-  const svg = (parent, tag, attributes, text = '') => {
-    const made = document.createElementNS('http://www.w3.org/2000/svg', tag);
-    for (const [key, each] of Object.entries(attributes)) made.setAttribute(key, each);
-    made.textContent = text;
-    parent?.append(made);
-    return made;
-  };
+  const button = (parent, text, title, act) =>
+    element('button', parent, text, { type: 'button', title, ariaLabel: title, onclick: act });
   const signed = (number) => String(number).replace('-', '−');
   document.documentElement.classList.add('scripted');
 
@@ -38,39 +26,18 @@
       else if (low < last && high > first) chart.setScale('x', { min: low, max: high });
     }
   }
-  const shown = ({ chart }) => [chart.scales.x.min, chart.scales.x.max];
-  function widen(panel, factor) {
-    const [low, high] = shown(panel), [first, last] = panel.extent;
-    const middle = (low + high) / 2, reach = (high - low) / 2 * factor;
-    const [a, b] = [middle - reach, middle + reach];
-    if (b - a >= last - first) zoom(null);
-    else if (b - a > 1e-3 * (last - first)) zoom(a, b); // the data are thinned: closer there is nothing to see
-  }
-  function shift(panel, distance) {
-    const [low, high] = shown(panel), [first, last] = panel.extent;
-    const by = Math.max(Math.min(distance, last - high), first - low);
-    zoom(low + by, high + by);
+  // Widens the shown time of a panel by a factor, and moves it by a part of itself.
+  function move({ chart, extent: [first, last] }, factor, part) {
+    const { min, max } = chart.scales.x, all = last - first;
+    const width = Math.min(Math.max((max - min) * factor, 1e-3 * all), all); // closer, the thinned data show nothing
+    const low = (min + max - width) / 2 + part * (max - min), begin = Math.min(Math.max(low, first), last - width);
+    if (width < all) zoom(begin, begin + width); else zoom(null);
   }
 
-  // The value of a line at a time, between its points; null outside and in its gaps.
-  function value(line, t) {
-    let k = -1, n = line.t.length;
-    while (n - k > 1) {
-      const middle = (k + n) >> 1;
-      if (line.t[middle] > t) n = middle; else k = middle;
-    }
-    if (k < 0 || (n === line.t.length && t > line.t.at(-1))) return null;
-    n = Math.min(n, line.t.length - 1);
-    const [a, b] = [line.y[k], line.y[n]];
-    if (a !== null && (line.style === 'steps' || k === n)) return a;
-    if (a !== null && b !== null) return a + (b - a) * (t - line.t[k]) / (line.t[n] - line.t[k]);
-    return t - line.t[k] < line.t[n] - t ? a : b;
-  }
-
-  // Writes the values at a time above each panel, and poses the rig.
-  function read(panel, t) {
-    for (const [line, output] of panel.outputs) {
-      const at = t === null ? null : value(line, t);
+  // Writes the values nearest to a time above each panel, and poses the rig.
+  function read({ chart, outputs }, t) {
+    for (const [{ y }, output] of outputs) {
+      const at = t === null ? null : y[chart.valToIdx(t)];
       output.textContent = at === null ? '' : signed(at.toPrecision(4));
     }
     if (t !== null) animate(t);
@@ -90,29 +57,14 @@
     return item;
   }
 
-  // Shades spans below the lines, and draws above them where recordings begin.
-  function shade({ ctx, bbox, valToPos }, spans) {
-    const place = (t) => Math.min(Math.max(valToPos(t, 'x', true), bbox.left), bbox.left + bbox.width);
+  // Shades spans below the lines; one without length is a line.
+  function shade({ ctx, bbox, scales, valToPos }, spans) {
+    const place = (t) => valToPos(Math.min(Math.max(t, scales.x.min), scales.x.max), 'x', true);
     for (const [begin, end, colour] of spans) {
-      ctx.fillStyle = colour + '2e';
-      ctx.fillRect(place(begin), bbox.top, place(end) - place(begin), bbox.height);
+      if (end < scales.x.min || begin > scales.x.max) continue;
+      ctx.fillStyle = colour;
+      ctx.fillRect(place(begin), bbox.top, Math.max(place(end) - place(begin), 1), bbox.height);
     }
-  }
-  function mark({ ctx, bbox, scales, valToPos }, boundaries) {
-    ctx.save();
-    Object.assign(ctx, { fillStyle: '#777777', strokeStyle: '#777777', textAlign: 'left' });
-    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
-    ctx.setLineDash([4, 4]);
-    boundaries.forEach((begin, k) => {
-      if (begin < scales.x.min || begin > scales.x.max) return;
-      const x = valToPos(begin, 'x', true);
-      ctx.beginPath();
-      ctx.moveTo(x, bbox.top);
-      ctx.lineTo(x, bbox.top + bbox.height);
-      ctx.stroke();
-      ctx.fillText(k + 1, x + 4, bbox.top + 12 * devicePixelRatio);
-    });
-    ctx.restore();
   }
 
   function addPanel(box, plot, data, last, extent) {
@@ -123,36 +75,21 @@
       line, element('output', legend(head, line.colour, line.label)),
     ]);
     panel.fit = element('b', head, '', { className: 'fit' });
-    const lines = [{}], bands = [];
-    // Lines on the same times need not be joined.
-    panel.table = () => (data.lines.every((line) => line.t === data.lines[0].t)
-      ? [data.lines[0].t, ...data.lines.map((line) => line.y)]
-      : uPlot.join(data.lines.map((line) => (line.upper ? [line.t, line.y, line.upper] : [line.t, line.y]))));
-    for (const line of data.lines) {
-      lines.push(series(line));
-      if (line.upper) {
-        lines.push(series(line));
-        bands.push({ series: [lines.length - 1, lines.length - 2], fill: line.colour + '40' });
-      }
-    }
-    const within = (chart, low, high) => {
-      const [least, most] = data.reach || [-Infinity, Infinity];
-      if (low === null || low === undefined) return data.reach || [-1, 1];
-      const space = 0.05 * (high - low) || Math.abs(high) || 1;
-      return [Math.max(low - space, least), Math.min(high + space, most)];
-    };
+    panel.table = () => [data.t, ...data.lines.flatMap(({ y, upper }) => (upper ? [y, upper] : [y]))];
+    const lines = [{}, ...data.lines.flatMap((line) => (line.upper ? [series(line), series(line)] : [series(line)]))];
+    // A band is the first line of its panel.
+    const bands = data.lines.filter(({ upper }) => upper).map(({ colour }) => ({ series: [2, 1], fill: colour + '40' }));
     const tick = { stroke: INK, font: FONT, grid: { stroke: PALE, width: 1 }, ticks: { show: false } };
     const followed = ['mousemove', 'mouseleave'];
     panel.chart = new uPlot({
       width: Math.max(box.clientWidth, 200), height: last ? 138 : 104, legend: { show: false }, bands, series: lines,
       padding: [4, 10, last ? 0 : 4, 0],
-      scales: { x: { time: false, min: extent[0], max: extent[1] }, y: { range: within } },
+      scales: { x: { time: false, min: extent[0], max: extent[1] }, y: data.reach ? { range: data.reach } : {} },
       axes: [last ? { ...tick, label: 'time [s]', labelFont: FONT, labelSize: 16, size: 24 } : { ...tick, size: 0, values: () => [] },
         { ...tick, size: GUTTER, space: 26, values: (chart, ticks) => ticks.map((y) => signed(+y.toPrecision(6))) }],
       cursor: { y: false, points: { show: false }, drag: { x: true, y: false, setScale: false },
         sync: { key: 'time', filters: { pub: (kind) => followed.includes(kind) } },
-        bind: { dblclick: () => () => { zoom(null); return null; },
-          mousedown: (chart, target, handle) => (event) => { if (!event.shiftKey) handle(event); return null; } } },
+        bind: { dblclick: () => () => { zoom(null); return null; } } },
       hooks: {
         setSelect: [(chart) => {
           const { left, width } = chart.select;
@@ -161,104 +98,36 @@
         }],
         setCursor: [({ cursor, posToVal }) => read(panel, cursor.left >= 0 ? posToVal(cursor.left, 'x') : null)],
         drawClear: [(chart) => shade(chart, plot.spans)],
-        draw: [(chart) => mark(chart, plot.boundaries)],
       },
     }, panel.table(), box);
     panels.push(panel);
-
-    const over = panel.chart.over;
-    let held = null;
-    over.addEventListener('pointerdown', (event) => {
-      if (event.shiftKey || event.pointerType === 'touch') held = event.clientX;
-    });
-    addEventListener('pointermove', (event) => {
-      if (held === null) return;
-      const [low, high] = shown(panel);
-      shift(panel, (held - event.clientX) / over.clientWidth * (high - low));
-      held = event.clientX;
-    });
-    for (const end of ['pointerup', 'pointercancel']) addEventListener(end, () => { held = null; });
     return panel;
   }
 
   function addPlot(box, plot) {
     const tools = element('div', box, '', { className: 'tools' });
-    const times = plot.panels.flatMap((panel) => panel.lines.flatMap((line) => [line.t[0], line.t.at(-1)])).filter(isFinite);
+    const times = plot.panels.flatMap(({ t }) => [t[0], t.at(-1)]).filter(isFinite);
     const extent = [Math.min(...times), Math.max(...times)];
     const kinds = new Map(plot.spans.filter(([, , , label]) => label).map(([, , colour, label]) => [label, colour]));
-    for (const [label, colour] of kinds) legend(tools, colour + '66', label, 'swatch broad');
+    for (const [label, colour] of kinds) legend(tools, colour, label, 'swatch broad');
     const own = plot.panels.map((data, k) => addPanel(box, plot, data, k === plot.panels.length - 1, extent));
-    const quarter = () => (shown(own[0])[1] - shown(own[0])[0]) / 4;
-    const acts = [
-      ['−', 'zoom out', '-', () => widen(own[0], 1.6)], ['+', 'zoom in', '+', () => widen(own[0], 1 / 1.6)],
-      ['‹', 'earlier', 'ArrowLeft', () => shift(own[0], -quarter())],
-      ['›', 'later', 'ArrowRight', () => shift(own[0], quarter())],
-      ['all', 'show all', 'Home', () => zoom(null)],
-    ];
-    for (const [sign, title, , act] of acts) button(tools, sign, title, act);
+    const acts = [['−', 'zoom out', '-', 1.6, 0], ['+', 'zoom in', '+', 1 / 1.6, 0], ['‹', 'earlier', 'ArrowLeft', 1, -0.25],
+      ['›', 'later', 'ArrowRight', 1, 0.25], ['all', 'show all', 'Home', Infinity, 0]];
+    for (const [sign, title, , ...how] of acts) button(tools, sign, title, () => move(own[0], ...how));
     box.tabIndex = 0;
     box.addEventListener('keydown', (event) => {
       const found = event.target === box && acts.find(([, , key]) => key === event.key);
-      if (found) { event.preventDefault(); found[3](); }
+      if (!found) return;
+      event.preventDefault();
+      move(own[0], ...found.slice(3));
     });
     box.panels = own;
     box.charts = own.map(({ chart }) => chart);
-    box.draw = (height) => drawing(plot, own, height);
     const fit = () => box.charts.forEach((chart) => {
       const width = box.clientWidth;
       if (width && chart.width !== width) chart.setSize({ width, height: chart.height });
     });
     new ResizeObserver(fit).observe(box);
-  }
-
-  // A plot as SVG, as it is zoomed, in the colours of paper.
-  function drawing(plot, own, height = 84) {
-    const width = 720, right = width - 10, size = { width, height: (height + 22) * own.length + 26 };
-    const how = { 'font-family': 'system-ui, sans-serif', 'font-size': 11, fill: INK };
-    const root = svg(null, 'svg', { ...size, viewBox: `0 0 ${width} ${size.height}`, ...how });
-    const text = (x, y, words, others = {}) => svg(root, 'text', { x, y: y + 4, ...others }, words);
-    const middle = { 'text-anchor': 'middle' };
-    svg(root, 'rect', { ...size, fill: '#fff' });
-    own.forEach(({ chart, data }, number) => {
-      const top = 18 + number * (height + 22), low = top + height, [across, up] = chart.axes;
-      const place = ({ min, max }, from, to) => (v) => +(from + (v - min) / (max - min) * (to - from)).toFixed(1);
-      const X = place(chart.scales.x, GUTTER, right), Y = place(chart.scales.y, low, top);
-      const box = { x: GUTTER, y: top, width: right - GUTTER, height };
-      const inside = svg(root, 'svg', { ...box, viewBox: Object.values(box).join(' ') });
-      const stroke = (d, colour, others) => svg(inside, 'path', { d, fill: 'none', stroke: colour, ...others });
-      for (const [begin, end, fill] of plot.spans) {
-        svg(inside, 'rect', { x: X(begin), y: top, width: X(end) - X(begin), height, fill, 'fill-opacity': 0.18 });
-      }
-      for (const v of across._splits) stroke(`M${X(v)} ${top}V${low}`, PALE);
-      for (const v of up._splits) stroke(`M${GUTTER} ${Y(v)}H${right}`, PALE);
-      for (const { t, y, upper, style, colour, width: thick } of data.lines) {
-        const point = (k) => {
-          if (y[k] === null) return '';
-          const at = `${X(t[k])} ${Y(y[k])}`;
-          if (style === 'dots') return `M${at}h.01`;
-          if (!k || y[k - 1] === null) return `M${at}`;
-          return style === 'steps' ? `H${X(t[k])}V${Y(y[k])}` : `L${at}`;
-        };
-        const d = t.map((_, k) => point(k)).join('');
-        const back = upper ? t.map((at, k) => `L${X(at)} ${Y(upper[k])}`).reverse().join('') : '';
-        if (upper) svg(inside, 'path', { d: `${d}${back}z`, fill: colour, 'fill-opacity': 0.25 });
-        else stroke(d, colour, { 'stroke-width': style === 'dots' ? 4 : thick, 'stroke-linecap': 'round' });
-      }
-      up._splits.forEach((v, k) => {
-        if (Y(v) > top && Y(v) < low) text(GUTTER - 5, Y(v), up._values[k], { 'text-anchor': 'end' });
-      });
-      text(GUTTER, top - 9, data.label, { 'font-weight': 'bold' });
-      let x = GUTTER + 8 * data.label.length + 12;
-      for (const { label, colour } of data.lines.filter((line) => line.label)) {
-        svg(root, 'rect', { x, y: top - 11, width: 14, height: 3, fill: colour });
-        text(x + 18, top - 9, label);
-        x += 7 * label.length + 34;
-      }
-      if (number < own.length - 1) return;
-      across._splits.forEach((v, k) => text(X(v), low + 9, across._values[k], middle));
-      text((GUTTER + right) / 2, low + 23, 'time [s]', middle);
-    });
-    return new XMLSerializer().serializeToString(root);
   }
 
   const download = (name, href) => Object.assign(document.createElement('a'), { download: name, href }).click();
@@ -277,16 +146,11 @@
   }
 
   // The state one classic Runge-Kutta step of h [s] later, as in rollout.py.
-  function advance(p, [q1, q2, v1, v2], t1, t2, h) {
-    const half = h / 2, sixth = h / 6;
-    const [k1, l1] = acceleration(p, q1, q2, v1, v2, t1, t2);
-    const u1 = v1 + half * k1, u2 = v2 + half * l1;
-    const [k2, l2] = acceleration(p, q1 + half * v1, q2 + half * v2, u1, u2, t1, t2);
-    const w1 = v1 + half * k2, w2 = v2 + half * l2;
-    const [k3, l3] = acceleration(p, q1 + half * u1, q2 + half * u2, w1, w2, t1, t2);
-    const [k4, l4] = acceleration(p, q1 + h * w1, q2 + h * w2, v1 + h * k3, v2 + h * l3, t1, t2);
-    return [q1 + h * (v1 + sixth * (k1 + k2 + k3)), q2 + h * (v2 + sixth * (l1 + l2 + l3)),
-      v1 + sixth * (k1 + 2 * (k2 + k3) + k4), v2 + sixth * (l1 + 2 * (l2 + l3) + l4)];
+  function advance(p, x, t1, t2, h) {
+    const rate = (at) => [at[2], at[3], ...acceleration(p, ...at, t1, t2)];
+    const after = (time, slope) => x.map((each, j) => each + time * slope[j]);
+    const k1 = rate(x), k2 = rate(after(h / 2, k1)), k3 = rate(after(h / 2, k2)), k4 = rate(after(h, k3));
+    return x.map((each, j) => each + h / 6 * (k1[j] + 2 * (k2[j] + k3[j]) + k4[j]));
   }
   // The states of all steps from x on.
   function simulate(p, x, [tau1, tau2], h, first = 0, steps = tau1.length) {
@@ -301,10 +165,17 @@
   // The measured motion of a plot, and its simulation from a chosen start, again and again every so many steps.
   function addSimulation(plot) {
     const { first, step, states, tau, scale, every } = plot.live, last = states[0].length - 1;
-    const t = states[0].map((_, k) => first + k * step), scaled = plot.panels.map(({ power }) => 10 ** power);
+    const t = states[0].map((_, k) => first + k * step);
     const errors = plot.panels.slice(4).flatMap(({ lines }) => lines);
-    for (const { lines } of plot.panels) for (const line of lines) Object.assign(line, { t, y: t.map(() => null) });
-    states.forEach((state, j) => { plot.panels[j].lines[0].y = state.map((x) => x / scaled[j]); });
+    for (const panel of plot.panels) {
+      panel.t = t;
+      for (const line of panel.lines) line.y = t.map(() => null);
+    }
+    states.forEach((state, j) => { plot.panels[j].lines[0].y = state; });
+    const drawn = states.map((_, j) => {
+      const { lines: [, simulated, dots], reach: [low, high] } = plot.panels[j];
+      return { simulated, dots, error: errors[j], far: 20 * (high - low) };
+    });
     const measured = t.map((_, k) => states.map((state) => state[k]));
     const live = { t, step, tau, measured, simulated: [], p: [...rig.vectors.identified], start: 0, every, fit: [] };
     live.update = () => {
@@ -313,20 +184,18 @@
       const squares = [0, 0, 0, 0];
       for (let begin = live.start, steps; begin < last; begin += steps) {
         steps = Math.min(live.every, last - begin);
-        const found = simulate(live.p, measured[begin], tau, step, begin, steps);
         const shown = begin + steps < last ? steps - 2 : steps; // a gap before the next simulation
-        found.forEach((x, k) => { if (Number.isFinite(x[0] + x[1])) live.simulated[begin + k] = x; });
-        for (let j = 0; j < 4; j += 1) {
-          const { lines: [, simulated, dots], reach } = plot.panels[j], far = 20 * (reach[1] - reach[0]) * scaled[j];
-          dots.y[begin] = states[j][begin] / scaled[j];
-          for (let k = 0; k <= steps; k += 1) {
-            const off = found[k][j] - states[j][begin + k];
-            squares[j] += k ? Math.min(off * off || (off === 0 ? 0 : 1e6), 1e6) : 0;
-            if (k > shown || !(Math.abs(off) < far)) continue;
-            simulated.y[begin + k] = found[k][j] / scaled[j];
-            errors[j].y[begin + k] = off / scaled[4 + (j >> 1)];
-          }
-        }
+        simulate(live.p, measured[begin], tau, step, begin, steps).forEach((x, k) => {
+          if (x.every(Number.isFinite)) live.simulated[begin + k] = x;
+          drawn.forEach(({ simulated, dots, error, far }, j) => {
+            const off = x[j] - states[j][begin + k];
+            if (!k) dots.y[begin] = x[j];
+            else squares[j] += off * off < 1e6 ? off * off : 1e6;
+            if (k > shown || !(Math.abs(off) < far)) return;
+            simulated.y[begin + k] = x[j];
+            error.y[begin + k] = off;
+          });
+        });
       }
       live.fit = squares.map((sum, j) => 100 * (1 - Math.sqrt(sum / (last - live.start)) / scale[j]));
     };
@@ -418,54 +287,40 @@
     return () => animate(now);
   }
 
-  // A slider for each parameter, within its interval or beyond; what is simulated is simulated again at once.
+  // A slider for each parameter, within its interval or beyond; the motion is simulated again at once.
   function addSliders(box, live, refresh) {
-    const { names, vectors, intervals } = rig, identified = vectors.identified;
-    const rows = [...box.querySelectorAll('.slider')].map((label) => {
-      const slider = label.querySelector('input'), output = label.querySelector('output'), { name } = label.dataset;
-      const k = names.indexOf(name), [low, high] = intervals[name];
-      const bound = (wide) => {
-        const reach = wide ? Math.max(5 * (high - low), Math.abs(identified[k])) : 0;
-        const [min, max] = wide ? [identified[k] - reach, identified[k] + reach] : [low, high];
-        Object.assign(slider, { min, max, value: live.p[k] });
-      };
-      slider.addEventListener('input', () => { live.p[k] = Number(slider.value); later(); });
-      const show = () => {
-        slider.value = live.p[k];
-        output.textContent = signed(live.p[k].toPrecision(4));
-      };
-      const limit = () => { live.p[k] = Math.min(Math.max(live.p[k], low), high); };
-      return { bound, show, limit };
+    const { names, vectors, intervals } = rig, find = (what) => box.querySelector(what), wide = find('[type=checkbox]');
+    const words = 'Each slider moves one parameter within its 95 % interval. Correlated parameters only fit together.';
+    const update = () => {
+      for (const each of box.querySelectorAll('.slider')) {
+        const k = names.indexOf(each.dataset.name), [low, high] = intervals[each.dataset.name];
+        const middle = vectors.identified[k], reach = Math.max(5 * (high - low), Math.abs(middle));
+        const [min, max] = wide.checked ? [middle - reach, middle + reach] : [low, high];
+        if (!wide.checked) live.p[k] = Math.min(Math.max(live.p[k], low), high);
+        Object.assign(each.querySelector('input'), { min, max, value: live.p[k] });
+        each.querySelector('output').textContent = signed(live.p[k].toPrecision(4));
+      }
+      const [P1, P2, P3] = live.p, physical = P1 > 0 && P2 > 0 && P1 * P2 > P3 * P3;
+      const text = physical ? words : 'No rig can have these parameters: M(q) is not positive definite.';
+      if (find('[role=status]').textContent !== text) find('[role=status]').textContent = text;
+      refresh();
+    };
+    let waiting = 0;
+    box.addEventListener('input', ({ target }) => {
+      const { name } = target.parentElement.dataset;
+      if (name) live.p[names.indexOf(name)] = Number(target.value);
+      cancelAnimationFrame(waiting);
+      waiting = requestAnimationFrame(update);
     });
-    const wide = box.querySelector('[type=checkbox]'), said = box.querySelector('[role=status]');
     for (const each of box.querySelectorAll('[data-vector]')) {
       each.addEventListener('click', () => {
         const { vector } = each.dataset;
-        if (vector !== 'identified') { wide.checked = true; rows.forEach(({ bound }) => bound(true)); }
+        wide.checked ||= vector !== 'identified';
         live.p = [...vectors[vector]];
-        now();
+        update();
       });
     }
-    wide.addEventListener('change', () => {
-      rows.forEach(({ bound, limit }) => {
-        if (!wide.checked) limit();
-        bound(wide.checked);
-      });
-      now();
-    });
-    const words = 'Each slider moves one parameter within its 95 % interval. Correlated parameters only fit together.';
-    let waiting = false;
-    const now = () => {
-      waiting = false;
-      const [P1, P2, P3] = live.p, physical = P1 > 0 && P2 > 0 && P1 * P2 > P3 * P3;
-      rows.forEach(({ show }) => show());
-      const text = physical ? words : 'No rig can have these parameters: M(q) is not positive definite.';
-      if (said.textContent !== text) said.textContent = text;
-      refresh();
-    };
-    const later = () => { if (!waiting) { waiting = true; requestAnimationFrame(now); } };
-    rows.forEach(({ bound }) => bound(false));
-    now();
+    update();
   }
 
   const boxes = [...document.querySelectorAll('[data-plot]')];
@@ -474,26 +329,24 @@
   if (live) {
     const box = boxes.find((each) => each.dataset.plot === 'simulation');
     let pose = () => {};
-    const refresh = (change = true) => {
-      if (change) live.update();
-      box.panels.forEach((panel, k) => {
-        const [min, max] = shown(panel);
-        panel.chart.setData(panel.table(), !Number.isFinite(min));
-        if (Number.isFinite(min)) panel.chart.setScale('x', { min, max });
-        if (k < 4) panel.fit.textContent = `fit ${live.fit[k] > -1000 ? signed(live.fit[k].toFixed(1)) : '—'} %`;
+    const refresh = () => {
+      live.update();
+      box.panels.forEach(({ chart, table, fit }, k) => {
+        const { min, max } = chart.scales.x;
+        chart.setData(table(), !Number.isFinite(min));
+        if (Number.isFinite(min)) chart.setScale('x', { min, max });
+        if (k < 4) fit.textContent = `fit ${live.fit[k] > -1000 ? signed(live.fit[k].toFixed(1)) : '—'} %`;
       });
       pose();
     };
     pose = addPlayer(document.querySelector('.stage'), live, box.charts[0], refresh);
     addSliders(document.querySelector('.controls'), live, refresh);
-    window.pendubot = { live, refresh, simulate };
+    window.pendubot = { live, simulate };
   }
   for (const figure of document.querySelectorAll('figure[data-name]')) {
     const tools = element('div', figure, '', { className: 'tools save' }), { name } = figure.dataset;
-    const box = boxes.find((each) => figure.contains(each));
-    const image = figure.querySelector('img');
-    const source = () => (box ? `data:image/svg+xml,${encodeURIComponent(box.draw())}` : image.src);
-    for (const kind of ['SVG', 'PNG']) button(tools, kind, `save ${name} as ${kind}`, () => save(name, source(), kind));
+    const { src } = figure.querySelector('img');
+    for (const kind of ['SVG', 'PNG']) button(tools, kind, `save ${name} as ${kind}`, () => save(name, src, kind));
   }
   for (const each of document.querySelectorAll('[data-copy]')) {
     each.addEventListener('click', async () => {
@@ -501,10 +354,4 @@
       each.textContent = 'copied';
     });
   }
-
-  // On paper, plots over time are drawings.
-  addEventListener('beforeprint', () => boxes.forEach((box) => {
-    box.insertAdjacentHTML('afterend', `<div class="printed">${box.draw(42)}</div>`);
-  }));
-  addEventListener('afterprint', () => document.querySelectorAll('.printed').forEach((each) => each.remove()));
 })();

@@ -3,29 +3,34 @@
 
 """A result as one HTML page that needs nothing beside it: no network and no other file.
 
-Plots over time are in the page as data, which ``page.js`` shows by uPlot (``uplot/``, MIT licence); all other figures
-are static. The page itself is ``page.html.jinja``.
+All figures are in the page. Those over time are there also as data, which ``page.js`` shows by uPlot (``uplot/``, MIT
+licence). The page itself is ``page.html.jinja``.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
+from pendubot_identification import __version__
+from pendubot_identification.errors import PendubotError
+from pendubot_identification.files import OutputFolder
 from pendubot_identification.formats.code import javascript
-from pendubot_identification.model.parameters import SPECIFICATIONS
 from pendubot_identification.results.result import Predicted, Result
+from pendubot_identification.results.result_file import result_text
+from pendubot_identification.tracking.events import Event, State
 
-from . import rig, tables
-from .plots import Picture
-from .table import typeset
+from . import plots, rig, tables
+from .plots import Picture, Prepared, Recordings
+from .table import Table, typeset
 from .time_plot import TimePlot
 
 
@@ -36,7 +41,6 @@ def result_page(
     notes: Sequence[str] = (),
     compared: Mapping[str, Predicted] | None = None,
     text: str = '',
-    days: Mapping[str, str] | None = None,
 ) -> str:
     """Return the page of a result.
 
@@ -47,7 +51,6 @@ def result_page(
         notes: why a picture is missing.
         compared: by name, the predictions of the other result and of this one.
         text: of the result file, which the page offers for download.
-        days: on which recordings were made, by their names.
     """
     if result.uncorrected:
         compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
@@ -63,13 +66,11 @@ def result_page(
         'beside': beside,
         'notes': notes,
         'compared': compared or {},
-        'meanings': {s.name: s.meaning for s in SPECIFICATIONS},
         'downloads': {name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
         'rig': model,
         'lengths': rig.proportions(result),
         'acceleration': Markup(javascript(len(model['names']))),
         'command': rig.command(result),
-        'days': days or {},
     }
     return render('page.html.jinja', pictures, **shown)
 
@@ -93,7 +94,7 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
     environment.globals['file'] = lambda name: Markup((folder / name).read_text(encoding='utf-8'))
     shown = {picture.name: picture for picture in pictures}
     plots = {name: _plain(each.content) for name, each in shown.items() if isinstance(each.content, TimePlot)}
-    figures = {name: _address(each.files('svg')['svg'].decode()) for name, each in shown.items() if name not in plots}
+    figures = {name: _address(each.files('svg')['svg'].decode()) for name, each in shown.items()}
     data = {'plots': plots, 'rig': context.setdefault('rig', None)}
     context.setdefault('acceleration', 'null')
     # Within a script element nothing is markup but what would end it.
@@ -106,8 +107,9 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
 def _plain(plot: TimePlot) -> dict[str, Any]:
     """Return a plot as plain data, without the lines that the page simulates itself."""
     data = plot.data()
-    for line in (line for panel in data['panels'] for line in panel['lines'] if plot.live):
-        line |= {'t': [], 'y': []}
+    for panel in data['panels'] if plot.live else ():
+        panel['t'] = []
+        panel['lines'] = [line | {'y': []} for line in panel['lines']]
     return data
 
 
@@ -116,3 +118,93 @@ def _address(svg: str) -> Markup:
     rounded = re.sub(r'([ML] -?\d+\.\d\d)\d*( -?\d+\.\d\d)\d*', r'\1\2', svg)
     short = re.sub(r'\s+', ' ', rounded).replace('"', "'")
     return Markup('data:image/svg+xml,' + re.sub('[%#<>&]', lambda found: f'%{ord(found[0]):02X}', short))
+
+
+def write_report(
+    folder: OutputFolder,
+    result: Result,
+    motions: Recordings | None,
+    beside: tables.Beside | None,
+    notes: Sequence[str],
+    progress: Callable[[str, int, int, float], None],
+    bags: Path | None = None,
+    *,
+    static: bool = False,
+    paths: bool = False,
+) -> Path:
+    """Draw all pictures of a result, write the report, all or nothing, and return where the page is.
+
+    Args:
+        folder: to be written to.
+        result: of an identification.
+        motions: the recordings; None where they cannot be read.
+        beside: another result to be shown beside it.
+        notes: further remarks on the page.
+        progress: told the activity, how much of it is done, and of how much.
+        bags: the folder in which the bags lie now; None: where the result says.
+        static: whether all pictures are written as SVG and PNG, too.
+        paths: whether the page names the absolute folders of the recordings.
+
+    Raises:
+        ResultError: the system refuses to write.
+    """
+    prepared = Prepared.of(result, *motions) if motions else None
+    wanted = [*plots.of_result(result), *(prepared.pictures() if prepared else [])]
+    pictures: list[Picture] = []
+    missing = []
+    for k, (subject, draw) in enumerate(wanted):
+        progress('drawing', k, len(wanted), math.nan)
+        try:
+            pictures += draw()
+        except PendubotError as error:
+            missing.append(f'{subject}; {error}')
+    compared = prepared.compared(beside) if prepared and beside else {}
+    text = result_text(result)
+    page = result_page(result, pictures, beside, [*notes, *missing], compared, text)
+    named = [source.bag for source in result.bags] + ([f'{bags.absolute()}/-'] if bags else [])
+    return _write(folder, {'result.yaml': text}, pictures if static else (), page, () if paths else named)
+
+
+def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:
+    """Write a page that says why there is no result, with the data as far as they could be read; return where it is.
+
+    Raises:
+        ResultError: the system refuses to write.
+    """
+    pictures = plots.plot_recordings(*motions) if motions else []
+    return _write(folder, {}, (), failure_page(reason, asked, pictures), [reason, *asked])
+
+
+def write_track(
+    folder: OutputFolder,
+    track: tuple[Sequence[State], Sequence[Event]],
+    table: Table,
+    happened: Sequence[str],
+    bags: Sequence[str],
+    result: str,
+    *,
+    static: bool = False,
+) -> Path:
+    """Write the page of a rig that was tracked, the newest state last, and return where it is.
+
+    ``result``: the text of the result file; empty where there is none at the end. ``static``: as above.
+
+    Raises:
+        ResultError: the system refuses to write.
+    """
+    picture = plots.plot_track(*track)
+    about = {'version': __version__, 'state': track[0][-1], 'table': table, 'happened': happened, 'bags': bags}
+    page = render('track.html.jinja', [picture], result=bool(result), **about)
+    return _write(folder, {'result.yaml': result} if result else {}, [picture] if static else (), page, bags)
+
+
+def _write(
+    folder: OutputFolder, files: Mapping[str, str], static: Sequence[Picture], page: str, named: Sequence[str]
+) -> Path:
+    """Write the page last, without the absolute folders of these names: where it is, all of it is."""
+    for part in rig.folders(*named):
+        for written in (part, str(escape(part)), quote(part)):
+            page = page.replace(written, '')
+    drawn = {f'{p.name}.{ending}': content for p in static for ending, content in p.files('svg', 'png').items()}
+    folder.write_together({**files, **drawn, 'report.html': page})
+    return (folder.path / 'report.html').absolute()

@@ -78,7 +78,7 @@ def command(result: Result) -> str:
         'topic': source.topic if source.topic != Source.topic else None,
         'joints': ','.join(source.joint_names) if source.joint_names != ['shoulder', 'elbow'] else None,
     }
-    words += [f'--{name} {shlex.quote(str(value))}' for name, value in options.items() if value is not None]
+    words += [f'--{name}={shlex.quote(str(value))}' for name, value in options.items() if value is not None]
     words += [f'--bounds {bound}' for bound in _given_bounds(result)]
     words += Conversion.of(result.reading).options()
     expert = [] if made.smoothing is None else [f'smoothing: {made.smoothing}']

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Sequence
@@ -67,7 +68,7 @@ def _cell(text: str) -> Markup:
 
 def number(value: float | None, format: str = '') -> str:
     """Return a number as its reader sees it; a dash where it is unknown."""
-    return '-' if value is None else f'{value:{format}}'
+    return f'{value:{format}}' if value is not None and math.isfinite(value) else '-'
 
 
 def typeset(text: str) -> str:

@@ -6,9 +6,7 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,7 @@ from pendubot_identification.excitation.design import Experiment
 from pendubot_identification.excitation.design import Predicted as Excited
 from pendubot_identification.identify.assessment import SETTINGS as ASSESSMENT
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.model.parameters import NAMES, UNITS, Parameters
+from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNITS, Parameters
 from pendubot_identification.results.result import CriterionAnswer, Parameter, PartialResult, Predicted, Result
 
 from .table import Table, number, wrapped
@@ -29,36 +27,28 @@ VERDICTS = {
     Level.ERROR: 'do not use these parameters in a controller',
 }
 HOLDS = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
+MEANINGS = {each.name: each.meaning for each in SPECIFICATIONS}
 STATES = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
 
 #: Another result to be shown beside a result, and what to call it.
 Beside = tuple[PartialResult, str]
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterRow:
-    """A parameter of the selected criterion, in words and rounded numbers."""
-
-    name: str
-    unit: str
-    value: str
-    interval: str  #: the 95 % interval.
-    half_width: str  #: the value with the half-width of its interval.
-    part: float | None  #: half-width over value, at most 1; None where it is not known.
-    paper: str  #: the estimate by the criterion energy; empty where there is none.
-    beside: str  #: the estimate of another result.
-    doubt: str  #: why the estimate is not reliable.
-    doubts: list[str]  #: all reasons, and correlated parameters.
-    advice: list[str]  #: the motion that would determine it better.
+def estimate(entry: Parameter, format: str) -> str:
+    """Return the value of a parameter with the half-width of its 95 % interval."""
+    return _with_error(entry.value, entry.std_error, format, entry.quantile)
 
 
-def parameter_rows(result: Result, beside: Beside | None = None) -> list[ParameterRow]:
-    """Return a row for each parameter."""
-    format = rounding(result.parameters.values())
-    answer = result.criteria[result.criterion]
+def relative_half_width(entry: Parameter) -> float | None:
+    """Return the half-width of the 95 % interval over the value, at most 1; None where it is not known."""
+    half_width = None if entry.std_error is None else entry.quantile * entry.std_error
+    return None if half_width is None else min(half_width / abs(entry.value), 1.0) if entry.value else 1.0
+
+
+def detail_table(result: Result, beside: Beside | None = None) -> Table:
+    """Return a row for each parameter: meaning, 95 % interval, doubts, and the estimate of another result."""
+    format, answer = rounding(result.parameters.values()), result.criteria[result.criterion]
     correlation = dict(zip(answer.parameters, answer.correlation, strict=False))
-    papers = result.criteria['energy'].parameters if papers_head(result) else {}
-    others = beside[0].parameters if beside else {}
     rows = []
     for name, entry in result.parameters.items():
         together = [
@@ -66,39 +56,40 @@ def parameter_rows(result: Result, beside: Beside | None = None) -> list[Paramet
             for other, value in zip(answer.parameters, correlation.get(name, ()), strict=False)
             if other != name and value is not None and abs(value) > ASSESSMENT.correlated
         ]
-        reasons = dict.fromkeys([_doubt(entry), (result.not_covered or {}).get(name, '')])
-        half_width = None if entry.std_error is None else entry.quantile * entry.std_error
+        doubts = dict.fromkeys([_doubt(entry), (result.not_covered or {}).get(name, ''), *together])
         rows.append(
-            ParameterRow(
-                name=name,
-                unit=entry.unit,
-                value=number(entry.value, format),
-                interval=' to '.join(number(bound, format) for bound in entry.interval),
-                half_width=_with_error(entry.value, entry.std_error, format, entry.quantile),
-                part=None if half_width is None else min(half_width / abs(entry.value), 1.0) if entry.value else 1.0,
-                paper=number(papers[name].value, format) if name in papers else '',
-                beside=number(others[name].value, format) if name in others else '',
-                doubt=_doubt(entry),
-                doubts=[*filter(None, reasons), *together],
-                advice=[sentence for sentence in result.advice if name in _subject(sentence)],
-            )
+            [f'{name} [{entry.unit}]', MEANINGS[name], _interval(entry, format), '; '.join(filter(None, doubts))]
         )
-    return rows
+        if beside:
+            other = beside[0].parameters.get(name)
+            rows[-1].append('' if other is None else number(other.value, format))
+    head = ['parameter', 'meaning', '95 % interval', 'doubts', *([beside[1]] if beside else [])]
+    return Table(head, rows, _notes(result))
 
 
 def parameter_table(result: Result) -> Table:
     """Return a row for each parameter: estimate, 95 % interval, the paper's estimate, and doubts."""
-    rows = parameter_rows(result)
+    format, entries, head = rounding(result.parameters.values()), result.parameters, papers_head(result)
+    papers = result.criteria['energy'].parameters if head else {}
+    doubts = [_doubt(entry) for entry in entries.values()]
     columns = [
-        ['', *(f'{row.name} [{row.unit}]' for row in rows)],
-        ['estimate', *(row.value for row in rows)],
-        ['95 % interval', *(row.interval for row in rows)],
-        [papers_head(result), *(row.paper or '-' for row in rows)] if papers_head(result) else [],
-        ['', *(row.doubt for row in rows)] if any(row.doubt for row in rows) else [],
+        ['', *(f'{name} [{entry.unit}]' for name, entry in entries.items())],
+        ['estimate', *(number(entry.value, format) for entry in entries.values())],
+        ['95 % interval', *(_interval(entry, format) for entry in entries.values())],
+        [head, *(number(papers[name].value, format) if name in papers else '-' for name in entries)] if head else [],
+        ['', *doubts] if any(doubts) else [],
     ]
-    head, *lines = zip(*filter(None, columns), strict=True)
-    notes = [f'95 % intervals: {result.criteria[result.criterion].uncertainty}']
-    return Table(head, lines, [*notes, *(f'not in the model: {which}' for which in result.not_in_model)])
+    titles, *lines = zip(*filter(None, columns), strict=True)
+    return Table(titles, lines, _notes(result))
+
+
+def _interval(entry: Parameter, format: str) -> str:
+    return ' to '.join(number(bound, format) for bound in entry.interval)
+
+
+def _notes(result: Result) -> list[str]:
+    missing = (f'not in the model: {which}' for which in result.not_in_model)
+    return [f'95 % intervals: {result.criteria[result.criterion].uncertainty}', *missing]
 
 
 def _with_error(value: float | None, error: float | None, format: str, quantile: float = NORMAL_95) -> str:
@@ -138,16 +129,6 @@ def _doubt(entry: Parameter) -> str:
     return 'undetermined' if entry.determined is False else ''
 
 
-def _subject(advice: str) -> set[str]:
-    """Return the words of an advice before its reason in parentheses: they name its parameter."""
-    return set(re.findall(r'\w+', advice.partition('(')[0]))
-
-
-def other_advice(result: Result) -> list[str]:
-    """Return the advice that is about no parameter in particular."""
-    return [advice for advice in result.advice if not _subject(advice) & result.parameters.keys()]
-
-
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> Table:
     """Return a column a criterion: its parameters with their 95 % half-widths or, where known, their true errors."""
     format = rounding(found for answer in result.criteria.values() for found in answer.parameters.values())
@@ -157,7 +138,7 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
         if entry is None:
             return '-'
         if truth is None:
-            return _with_error(entry.value, entry.std_error, format, entry.quantile)
+            return estimate(entry, format)
         true = truth[name]
         error = f'{100 * (entry.value / true - 1):+.1f} %' if true else f'{entry.value:+.1e}'
         return f'{entry.value:{format}} {error:>9}'
@@ -238,24 +219,6 @@ def _heads(result: Result) -> list[str]:
     return [f'{name}, selected' if name == result.criterion else name for name in result.criteria]
 
 
-def run_table(result: Result) -> Table | None:
-    """Return J of ``energy``: best, worst and average over MDE's runs; None without them."""
-    energy = result.criteria.get('energy')
-    if energy is None or energy.mde is None:
-        return None
-
-    def spread(values: Sequence[float | None]) -> list[str]:
-        known = [value for value in values if value is not None]
-        return [f'{v:.3e}' for v in (min(known), max(known), sum(known) / len(known))] if known else ['-'] * 3
-
-    J = energy.J
-    rows = [['training', *spread(J.training_runs)]]
-    if J.validation is not None:
-        runs = spread(J.validation_runs) if J.validation_runs else ['', '', f'{J.validation:.3e}']
-        rows.append(['validation', *runs])
-    return Table([f'energy: J [{J.unit}]', 'best', 'worst', 'average'], rows)
-
-
 def effects_table(result: Result) -> Table | None:
     """Return the unmodelled effects, and the unexplained variance; None where there is neither."""
     if result.unmodelled is None and not result.effects:
@@ -289,7 +252,7 @@ def data_sentences(result: Result) -> list[str]:
     effort, length = result.effort, result.link_length
     delay = _with_error(effort.delay, effort.delay_std_error, '.3g')
     sentences = [
-        f'The torque was taken as {HOLDS.get(effort.hold, effort.hold)}, with an input delay of {delay} s; states were '
+        f'The torque was taken as {HOLDS[effort.hold]}, with an input delay of {delay} s; states were '
         f'smoothed over {result.smoothing} s.'
     ]
     if length.value is not None:
@@ -308,22 +271,25 @@ def steps(result: Result) -> str:
 
 def verdict(result: Result) -> str:
     """Return the meaning of a result's level in a sentence; OK names the parameters that it does not cover."""
-    doubts = result.not_covered
-    if doubts is None:  # results of earlier versions only mark them
-        doubts = {name: doubt for name, entry in result.parameters.items() if (doubt := _doubt(entry))}
-    if result.level is not Level.OK or not doubts:
+    if result.level is not Level.OK or not result.not_covered:
         return VERDICTS[result.level]
-    named = ', '.join(f'{name} ({why})' for name, why in doubts.items())
+    named = ', '.join(f'{name} ({why})' for name, why in result.not_covered.items())
     return f'{VERDICTS[Level.OK]}; do not rely on {named}'
 
 
-def judgement(result: Result) -> str:
-    """Return the level of a result and every warning; of other criteria the first of their own warnings."""
+def remarks(result: Result) -> list[str]:
+    """Return the level with each warning, or else with its meaning, and the number of consequences of a fault."""
     lines = [f'{result.level.name}: {warning}' for warning in result.warnings or [verdict(result)]]
     if followed := len(consequences(result)):
         lines.append(
             f'{followed} more follow from that: the result file (--output) and the report (--report) list them'
         )
+    return lines
+
+
+def judgement(result: Result) -> str:
+    """Return the remarks of a result, and of each other criterion the first of its own warnings."""
+    lines = remarks(result)
     for name, (first, *others) in own_warnings(result).items():
         more = f' (and {len(others)} more)' if others else ''
         lines.append(f'{name} alone, {result.criteria[name].level.name}: {first}{more}')
@@ -370,7 +336,6 @@ def summary(result: Result) -> str:
             '\n'.join(map(wrapped, data_sentences(result))),
             effects_table(result),
             zero_table(result),
-            run_table(result),
             steps(result),
             '\n'.join(map(wrapped, [*result.advice, design])) if result.advice else None,
         ]
@@ -434,17 +399,13 @@ def excitation_table(
         if nothing[k] and not np.isfinite(found.std_error[k]):
             continue
         unit = '' if not nothing[k] else ' N m/N m' if UNITS[k] == '1' else f' {UNITS[k]}'
-        ratio = _shown(paper.std_error[k] / (found.std_error[k] or np.nan), '.1f')
-        rows.append([name, *(f'{_shown(errors[k], ".2g")}{unit}' for errors in columns.values()), ratio])
+        ratio = number(paper.std_error[k] / (found.std_error[k] or np.nan), '.1f')
+        rows.append([name, *(f'{number(errors[k], ".2g")}{unit}' for errors in columns.values()), ratio])
     worst = [float(np.max(errors[np.isfinite(errors) & ~nothing], initial=0.0)) for errors in columns.values()]
-    ratio = _shown(worst[-2] / (worst[-1] or np.nan), '.1f')
-    rows.append(['the worst', *(_shown(value, '.2g') for value in worst), ratio])
+    ratio = number(worst[-2] / (worst[-1] or np.nan), '.1f')
+    rows.append(['the worst', *(number(value, '.2g') for value in worst), ratio])
     notes = [
         'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
         'where the model itself errs they are larger, and the ratio is what counts',
     ]
     return Table(['standard error, %', *columns, 'ratio'], rows, notes)
-
-
-def _shown(value: float, format: str) -> str:
-    return number(value if np.isfinite(value) else None, format)

@@ -9,10 +9,10 @@ together.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -21,15 +21,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from .style import GREY, WIDTH
-from .table import SUPERSCRIPTS, typeset
+from .table import typeset
 
 Array = NDArray[np.float64]
 
-#: Largest number of points of a line: the lowest and the highest of half as many intervals of time.
-MOST_POINTS = 1600
-#: Values from SMALL to LARGE are shown as they are, others in a power of ten that their label states.
-SMALL, LARGE = 0.01, 1e4
+#: Largest number of times that a panel shows: of each interval the lowest and the highest value of each line.
+MOST_POINTS = 2400
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,48 +35,51 @@ class Line:
 
     Attributes:
         label: in the legend; empty: not in it.
-        pieces: times [s] and values, each of shape (N,).
+        values: at the times of each piece, shapes (N,).
         style: ``line``, ``steps`` (held until the next), ``dots``, or ``band``.
-        upper: of a ``band``, whose lower edge are the pieces: the same times, and the values at its upper edge.
+        upper: of a ``band``, whose lower edge are the values: the values at its upper edge.
     """
 
     label: str
-    pieces: Sequence[tuple[Array, Array]]
+    values: Sequence[Array]
     colour: str
     width: float = 1.0
     style: Literal['line', 'steps', 'dots', 'band'] = 'line'
-    upper: Sequence[tuple[Array, Array]] = ()
+    upper: Sequence[Array] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Lines of one unit; ``reach``: values beyond these are not shown, None where all are."""
+    """Lines of one unit.
+
+    Attributes:
+        times: of each piece [s], shapes (N,).
+        reach: values beyond these are not shown; None: all are.
+    """
 
     quantity: str
     unit: str
+    times: Sequence[Array]
     lines: Sequence[Line]
     reach: tuple[float, float] | None = None
 
     def data(self) -> dict[str, Any]:
-        """Return the panel as plain data."""
-        sizes = [np.nanmax(np.abs(y), initial=0.0) for line in self.lines for _, y in (*line.pieces, *line.upper)]
-        power = scaled(float(max(np.abs(self.reach) if self.reach else sizes, default=0.0)))
+        """Return the panel as plain data, thinned to what a screen shows: times, and the values of all lines there."""
+        edges = [edge for line in self.lines for edge in (line.values, line.upper) if edge]
+        t, values = joined(self.times, [np.column_stack(piece) for piece in zip(*edges, strict=True)])
+        columns = iter([_numbers(column) for column in values.T])
         lines = []
         for line in self.lines:
-            t, y = joined(line.pieces)
             found = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
-            found |= {'t': [round(at, 5) for at in t.tolist()], 'y': _numbers(y / 10.0**power)}
-            if line.style == 'band':
-                found['upper'] = _numbers(np.interp(t, *joined(line.upper)) / 10.0**power)
-            lines.append(found)
-        label = f'{self.quantity} [{in_powers(self.unit, power)}]'.strip()
-        reach = self.reach and [b / 10.0**power for b in self.reach]
-        return {'label': label, 'power': power, 'reach': reach, 'lines': lines}
+            lines.append(found | {'y': next(columns)} | ({'upper': next(columns)} if line.upper else {}))
+        label = f'{self.quantity} [{typeset(self.unit)}]'.replace('[1]', '').strip()
+        times = [round(at, 5) for at in t.tolist()]
+        return {'label': label, 'reach': self.reach, 't': times, 'lines': lines}
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A shaded interval of time [s]; ``label`` is in the legend."""
+    """An interval of time [s], shaded, or a line where its length is 0; ``label`` is in the legend."""
 
     begin: float
     end: float
@@ -92,13 +92,11 @@ class TimePlot:
     """Panels over one time axis [s].
 
     Attributes:
-        boundaries: where each recording begins, in order, also outside of the plot.
         live: measured motion from which the page simulates the lines itself; None where it does not.
     """
 
     panels: Sequence[Panel]
     spans: Sequence[Span] = ()
-    boundaries: Sequence[float] = ()
     live: Mapping[str, Any] | None = None
 
     def data(self) -> dict[str, Any]:
@@ -106,18 +104,15 @@ class TimePlot:
         return {
             'live': self.live,
             'spans': [[round(s.begin, 5), round(s.end, 5), s.colour, s.label] for s in self.spans],
-            'boundaries': [round(begin, 5) for begin in self.boundaries],
             'panels': [panel.data() for panel in self.panels],
         }
 
     def figure(self) -> Figure:
-        """Return the plot as a static figure."""
-        figure = Figure(figsize=(WIDTH, 0.4 + 1.1 * len(self.panels)), layout='constrained')
-        axes = figure.subplots(len(self.panels), 1, squeeze=False, sharex=True).ravel()
-        self.draw(axes)
+        """Return the plot as a static figure, as wide as a page of paper."""
+        figure = Figure(figsize=(7.2, max(1.8, 0.8 + 0.62 * len(self.panels))), layout='constrained')
+        self.draw(figure.subplots(len(self.panels), 1, squeeze=False, sharex=True).ravel())
         kinds = {span.label: span.colour for span in self.spans if span.label}
-        patches = [Patch(color=colour, alpha=0.4, label=label) for label, colour in kinds.items()]
-        if patches:
+        if patches := [Patch(color=colour, label=label) for label, colour in kinds.items()]:
             figure.legend(handles=patches, loc='outside upper left', ncols=4)
         return figure
 
@@ -127,80 +122,57 @@ class TimePlot:
         labels: list[str] = []
         for panel, axis in zip(data['panels'], axes, strict=False):
             for line in panel['lines']:
-                _draw(axis, line)
-            for begin, end, colour, _ in data['spans']:
-                axis.axvspan(begin, end, color=colour, alpha=0.18, linewidth=0)
+                _draw(axis, np.array(panel['t']), line)
+            first, last = panel['t'][0], panel['t'][-1]
+            for begin, end, colour, _ in (span for span in data['spans'] if first <= span[1] and span[0] <= last):
+                axis.axvspan(begin, end, color=colour, linewidth=0 if end > begin else 0.8)
             axis.set(ylabel=panel['label'].replace(' [', '\n['), ylim=panel['reach'])
             handles, earlier = axis.get_legend_handles_labels()[0], labels
             labels = [line['label'] for line in panel['lines'] if line['label']]
             if len(handles) > 1 and labels != earlier:
                 axis.legend(handles=handles, loc='lower left', bbox_to_anchor=(0, 1), ncols=4, borderaxespad=0.2)
-        shown = axes[0].get_xlim()
-        for number, begin in enumerate(self.boundaries, 1):
-            if shown[0] < begin < shown[1]:
-                place = axes[0].get_xaxis_transform()
-                axes[0].text(begin, 1.0, f' {number}', transform=place, va='top', fontsize=7, color=GREY)
-                for axis in axes if number > 1 else ():
-                    axis.axvline(begin, color=GREY, linestyle='--', linewidth=0.8)
         axes[-1].set_xlabel('time [s]')
 
 
-def _draw(axis: Any, line: dict[str, Any]) -> None:
-    t, y = np.array(line['t']), np.array(line['y'], dtype=float)
+def _draw(axis: Any, t: Array, line: Mapping[str, Any]) -> None:
+    y, how = np.array(line['y'], dtype=float), {'color': line['colour'], 'linewidth': line['width']}
     if line['style'] == 'band':
         axis.fill_between(t, y, np.array(line['upper'], dtype=float), color=line['colour'], alpha=0.25, linewidth=0)
         return
-    how: dict[str, Any] = {'color': line['colour'], 'linewidth': line['width'], 'label': line['label'] or None}
     if line['style'] == 'steps':
         how['drawstyle'] = 'steps-post'
     if line['style'] == 'dots':
         how |= {'linestyle': '', 'marker': '.', 'markersize': 4 * line['width']}
-    axis.plot(t, y, **how)
+    axis.plot(t, y, label=line['label'] or None, **how)
 
 
-def envelope(t: Array, y: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return at most ``most`` points of a line, shapes (N,), that cover the same area of the plot.
+def thinned(values: Array, most: int = MOST_POINTS) -> NDArray[np.intp]:
+    """Return which at most ``most`` of N samples of L lines, shape (N, L), cover the same area of a plot.
 
-    Of each interval of time the lowest and the highest point are kept, in their order.
+    Of each interval of time they are the lowest and the highest sample of each line.
     """
-    if len(t) <= most:
-        return t, y
-    edges = np.linspace(0, len(t), most // 2 + 1).astype(int)
-    kept = []
-    for low, high in itertools.pairwise(edges):
-        part = np.nan_to_num(y[low:high])
-        kept += sorted((low + int(part.argmin()), low + int(part.argmax())))
-    return t[kept], y[kept]
+    if len(values) <= most:
+        return np.arange(len(values))
+    edges = np.linspace(0, len(values), most // (2 * values.shape[1]) + 1).astype(int)
+    parts = [(low, np.nan_to_num(values[low:high])) for low, high in pairwise(edges)]
+    return np.unique([low + k for low, part in parts for k in (*part.argmin(axis=0), *part.argmax(axis=0))])
 
 
-def joined(pieces: Sequence[tuple[Array, Array]], most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return pieces as one line of at most about ``most`` points, strictly ascending in time, with NaN between them."""
-    times, values = [], []
-    end = -math.inf
-    share = max(most // max(len(pieces), 1), 4)
-    for piece in pieces:
-        t, y = envelope(*piece, share)
-        if len(t) == 0:
+def joined(times: Sequence[Array], values: Sequence[Array], most: int = MOST_POINTS) -> tuple[Array, Array]:
+    """Return pieces of L lines, shapes (N,) and (N, L), thinned, as one that ascends in time, with NaN between them."""
+    found = [(np.empty(0), np.empty((0, 1)))]
+    end, share = -math.inf, most // max(len(times), 1)
+    for t, piece in zip(times, values, strict=True):
+        kept = thinned(piece, max(share, 2 * piece.shape[1]))
+        if len(kept) == 0:
             continue
         if end > -math.inf:
-            # A piece may begin where the last one ends: it begins 20 us later, which nobody sees.
-            times.append(np.array([end + 1e-5]))
-            values.append(np.array([np.nan]))
-        times.append(np.maximum(t, end + 2e-5))
-        values.append(y)
-        end = float(times[-1][-1])
-    return (np.concatenate(times), np.concatenate(values)) if times else (np.empty(0), np.empty(0))
-
-
-def scaled(largest: float) -> int:
-    """Return the power of ten in which values up to this are shown: 0 where they are legible as they are."""
-    return 0 if not 0 < largest < math.inf or SMALL <= largest < LARGE else math.floor(math.log10(largest))
-
-
-def in_powers(unit: str, power: int) -> str:
-    """Return a unit as it is read, ``10⁻³ kg m²``."""
-    unit = typeset('' if unit == '1' else unit)
-    return f'10{str(power).translate(SUPERSCRIPTS)} {unit}'.rstrip() if power else unit
+            found.append((np.array([end + 1e-5]), np.full((1, piece.shape[1]), np.nan)))
+        # A piece may begin where the last one ends: it begins 20 us later, which nobody sees.
+        found.append((np.maximum(t[kept], end + 2e-5), piece[kept]))
+        end = float(found[-1][0][-1])
+    t, piece = (np.concatenate(each) for each in zip(*(found[1:] or found), strict=True))
+    return t, piece
 
 
 def _numbers(values: Array) -> list[float | None]:

@@ -12,9 +12,9 @@ import asyncio
 import json
 import os
 import secrets
-import shlex
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 import webbrowser
@@ -27,7 +27,7 @@ from typing import Any
 
 from aiohttp import web
 
-from pendubot_identification.errors import MissingFileError, PendubotError, UsageError, sentence
+from pendubot_identification.errors import MissingFileError, PendubotError, UsageError
 from pendubot_identification.identify.options import APPLY_REMEDIES, EXPERT, OPTIONS, START
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
@@ -37,14 +37,13 @@ ROOMS = Path(__file__).parent.parent
 #: The files of the page, by their addresses; the report's pages have the same colours and controls.
 PAGE = {name: ROOMS / 'studio' / (name or 'studio.html') for name in ('', 'studio.css', 'studio.js')}
 PAGE |= {'base.css': ROOMS / 'report' / 'base.css'}
-#: As the command line has them by default.
-TOPIC, JOINTS = '/joint_states', 'shoulder,elbow'
 #: Largest size of all files of a session [bytes], most sessions at once, and the longest name of a file.
 LARGEST, SESSIONS, LONGEST_NAME = 2 << 30, 16, 200
 #: Longest line of a task [bytes].
 LINE = 1 << 24
 #: The options of the page, without those of files of settings.
 SETTINGS = {s.name: s for s in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if s not in (START, *EXPERT)}
+NO_SPACE = 'free space on this disk, or start the studio with TMPDIR on another one'
 #: Nothing comes from a network. A page of a result may run its own scripts, but not call the studio.
 POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; frame-src 'self'"
 OUTPUT_POLICY = (
@@ -52,6 +51,7 @@ OUTPUT_POLICY = (
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
 )
 HEADERS = {'X-Content-Type-Options': 'nosniff', 'Referrer-Policy': 'no-referrer', 'Cache-Control': 'no-store'}
+HEADERS |= {'Content-Security-Policy': POLICY}
 
 
 @dataclass
@@ -61,7 +61,7 @@ class Session:
     Attributes:
         folder: private; received files are in ``files``, those of the result in ``output``.
         given: the places of recordings that were given in the terminal, by their names.
-        recordings: the places of all recordings, relative to ``files``.
+        recordings: the places of all recordings, absolute or relative to ``files``.
         size: of the files that were received [bytes].
     """
 
@@ -88,8 +88,9 @@ class Session:
 class Studio:
     """The sessions, and the programs that do their tasks."""
 
-    def __init__(self, given: dict[str, str], debug: bool) -> None:
-        self.token, self.hosts = secrets.token_urlsafe(24), set[str]()
+    def __init__(self, given: dict[str, str], port: int, *, debug: bool) -> None:
+        self.token = secrets.token_urlsafe(24)
+        self._hosts = f'127.0.0.1:{port}', f'localhost:{port}'
         self._given, self._debug = given, debug
         self._sessions: dict[str, Session] = {}
         self._spare: asyncio.Task[asyncio.subprocess.Process] | None = None
@@ -98,16 +99,16 @@ class Studio:
     def application(self) -> web.Application:
         """Return the application with all routes below the token."""
         app = web.Application(middlewares=[self._guard])
+        app.on_response_prepare.append(_add_headers)
+        app.on_cleanup.append(self._close)
         at = f'/{self.token}'
-        page = [web.get(f'{at}/{name}', self._static) for name in PAGE]
         session = f'{at}/sessions/{{session}}'
         app.add_routes(
             [
-                *page,
+                *(web.get(f'{at}/{name}', self._static) for name in PAGE),
                 web.post(f'{at}/sessions', self._open),
                 web.post(f'{session}/end', self._end),
                 web.put(f'{session}/files/{{name:.+}}', self._receive),
-                web.post(f'{session}/command', self._say_command),
                 web.post(f'{session}/{{task:describe|check|identify}}', self._do),
                 web.get(f'{session}/output/{{name}}', self._output),
                 web.get(f'{at}/live', self._live),
@@ -115,8 +116,7 @@ class Studio:
         )
         return app
 
-    async def close(self) -> None:
-        """End the spare program and delete all files."""
+    async def _close(self, _: web.Application) -> None:
         if self._spare is not None:
             await _ended(await self._spare)
         shutil.rmtree(self._root, ignore_errors=True)
@@ -127,16 +127,17 @@ class Studio:
     ) -> web.StreamResponse:
         """Refuse other hosts, which a rebound name would give, and requests without the token; explain errors."""
         token = request.path.split('/')[1]
-        if request.host not in self.hosts or not secrets.compare_digest(token.encode(), self.token.encode()):
+        if request.host not in self._hosts or not secrets.compare_digest(token.encode(), self.token.encode()):
             return web.Response(status=403, text='this address has no token of the studio; take that of its terminal')
         try:
             return await handler(request)
-        except (PendubotError, OSError) as error:
-            return web.Response(status=400 if isinstance(error, PendubotError) else 507, text=sentence(error))
+        except PendubotError as error:
+            return web.Response(status=400, text=str(error))
+        except OSError as error:
+            return web.Response(status=507, text=f'the file cannot be kept ({error.strerror}); {NO_SPACE}')
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
-        file = PAGE[request.path.rpartition('/')[2]]
-        return web.FileResponse(file, headers={**HEADERS, 'Content-Security-Policy': POLICY})
+        return web.FileResponse(PAGE[request.path.rpartition('/')[2]])
 
     async def _open(self, _: web.Request) -> web.Response:
         """Open a session; answer with its name, the recordings, and the options."""
@@ -148,7 +149,7 @@ class Studio:
         (self._root / name / 'files').mkdir(parents=True)
         about = {name: _described(setting) for name, setting in SETTINGS.items()}
         known = {'session': name, 'given': list(self._given), 'settings': about, 'live': find_spec('rclpy') is not None}
-        return web.json_response(known, headers=HEADERS)
+        return web.json_response(known)
 
     async def _end(self, request: web.Request) -> web.Response:
         session = self._sessions.pop(request.match_info['session'], None)
@@ -182,15 +183,11 @@ class Studio:
         session.recordings[recording] = recording
         return web.json_response({'name': recording})
 
-    async def _say_command(self, request: web.Request) -> web.Response:
-        """Answer with the command line that identifies the same."""
-        return web.Response(text=shlex.join(_command(_job(self._session(request), await request.json()))))
-
     async def _do(self, request: web.Request) -> web.StreamResponse:
         """Do a task in a process of its own, which ends with the request."""
         session = self._session(request)
-        task = {'task': request.match_info['task'], 'folder': str(session.folder)}
-        job = task | _job(session, await request.json())
+        task = {'task': request.match_info['task'], 'folder': str(session.folder), 'no_space': NO_SPACE}
+        job = _job(session, await request.json()) | task
         spare = self._spare or self.prepare()
         self.prepare()
         process = await spare
@@ -221,12 +218,17 @@ class Studio:
         name = request.match_info['name']
         if not folder.is_dir() or name not in os.listdir(folder):
             raise PendubotError(f'there is no file {name}; identify first')
-        return web.FileResponse(folder / name, headers={**HEADERS, 'Content-Security-Policy': OUTPUT_POLICY})
+        return web.FileResponse(folder / name, headers={'Content-Security-Policy': OUTPUT_POLICY})
+
+
+async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value)
 
 
 async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> web.StreamResponse:
     """Send each line of a program as it comes, and end it with the request; if its last one is missing, say so."""
-    response = web.StreamResponse(headers={**HEADERS, 'Content-Type': 'application/x-ndjson'})
+    response = web.StreamResponse(headers={'Content-Type': 'application/x-ndjson'})
     line = b''
     assert process.stdout is not None
     try:
@@ -273,21 +275,10 @@ def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:
             raise PendubotError(f'there is no recording {name}; give it again')
         return session.recordings[name] + (f'@{start}:{end}' if start or end else '')
 
-    bags, validate = ([window(each) for each in asked.get(key, [])] for key in ('bags', 'validate'))
-    options = {str(name): str(value) for name, value in asked.get('options', {}).items()}
-    if unknown := options.keys() - SETTINGS.keys():
+    bags, validate = ([window(each) for each in asked[key]] for key in ('bags', 'validate'))
+    if unknown := asked['options'].keys() - SETTINGS.keys():
         raise PendubotError(f'there is no option {min(unknown)!r} in the studio; use the command line')
-    topic, joints = str(asked.get('topic') or TOPIC), str(asked.get('joints') or JOINTS)
-    return {'bags': bags, 'validate': validate, 'options': options, 'topic': topic, 'joints': joints}
-
-
-def _command(job: Mapping[str, Any]) -> list[str]:
-    """Return the command line that does the same."""
-    given = {name.replace('_', '-'): value for name, value in job['options'].items()}
-    given |= {name: job[name] for name, usual in (('topic', TOPIC), ('joints', JOINTS)) if job[name] != usual}
-    flags = [f'--{name}' if value == 'true' else f'--{name}={value}' for name, value in given.items()]
-    validate = ['--validate', *job['validate']] if job['validate'] else []
-    return ['pendubot', 'identify', *job['bags'], *validate, *flags, '--report', 'report']
+    return {**asked, 'bags': bags, 'validate': validate}
 
 
 def given_recordings(texts: Sequence[str]) -> dict[str, str]:
@@ -306,32 +297,28 @@ def given_recordings(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-async def serve(files: Sequence[str], port: int, *, live: bool, browser: bool, debug: bool) -> None:
+def serve(files: Sequence[str], port: int, *, browser: bool, debug: bool) -> None:
     """Serve the studio on 127.0.0.1 until a signal.
 
     Raises:
-        PendubotError: a recording is missing, the port is taken, or there is no ROS for ``live``.
+        PendubotError: a recording is missing, or the port is taken.
     """
-    if live and find_spec('rclpy') is None:
-        raise PendubotError('--live needs ROS 2: source your ROS workspace, or leave it out')
-    studio, ended = Studio(given_recordings(files), debug), asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        asyncio.get_running_loop().add_signal_handler(number, ended.set)
-    runner = web.AppRunner(studio.application(), handler_cancellation=True, access_log=None, shutdown_timeout=1.0)
+    given = given_recordings(files)
     try:
-        await runner.setup()
-        try:
-            await web.TCPSite(runner, '127.0.0.1', port).start()
-        except OSError as error:
-            raise PendubotError(f'port {port} cannot be opened ({error.strerror}); leave out --port') from error
+        sock = socket.create_server(('127.0.0.1', port))
+    except OSError as error:
+        raise PendubotError(f'port {port} cannot be opened ({error.strerror}); leave out --port') from error
+    studio = Studio(given, sock.getsockname()[1], debug=debug)
+
+    async def announce(_: web.Application) -> None:
+        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, signal.raise_signal, signal.SIGTERM)
         studio.prepare()
-        port = runner.addresses[0][1]
-        studio.hosts |= {f'127.0.0.1:{port}', f'localhost:{port}'}
-        address = f'http://127.0.0.1:{port}/{studio.token}/' + ('#live' if live else '')
+        address = f'http://127.0.0.1:{sock.getsockname()[1]}/{studio.token}/'
         print(f'studio: {address}\nCtrl-C ends it and deletes its files', flush=True)
         if browser:
             await asyncio.to_thread(webbrowser.open, address)
-        await ended.wait()
-    finally:
-        await runner.cleanup()
-        await studio.close()
+
+    application = studio.application()
+    application.on_startup.append(announce)
+    how: dict[str, Any] = {'print': None, 'access_log': None, 'handler_cancellation': True, 'shutdown_timeout': 1.0}
+    web.run_app(application, sock=sock, **how)

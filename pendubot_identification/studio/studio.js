@@ -63,17 +63,12 @@ function angle(x, y, radius, zero, now) {  // a dashed line where it is zero, an
   return html`<path class="dash" d="M${x} ${y} L${at(zero, radius + 10)}"/>
     <path class="arc" d="M${at(zero, radius)} A${radius} ${radius} 0 0 ${now > zero ? 0 : 1} ${at(now, radius)}"/>`;
 }
-function line(values, low, high, width = 100) {
-  const scale = high > low ? 30 / (high - low) : 0, step = width / Math.max(1, values.length - 1);
-  const point = (value, k) => `${(k * step).toFixed(2)} ${(30 - (value - low) * scale).toFixed(2)}`;
-  return `M${values.map(point).join('L')}`;
-}
 function spark(values) {
   if (!values) return '';
-  const low = Math.min(...values), high = Math.max(...values);
+  const low = Math.min(...values), high = Math.max(...values), scale = 30 / (high - low || 1);
+  const points = values.map((value, k) => `${(100 * k / values.length).toFixed(1)},${((high - value) * scale).toFixed(1)}`);
   return html`<svg class="spark" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true">
-    <path d="${line(values, low, high)}"/></svg>
-    <small>${number(low, 3)} to ${number(high, 3)}</small>`;
+    <polyline points="${points.join(' ')}"/></svg><small>${number(low, 3)} to ${number(high, 3)}</small>`;
 }
 
 /* ---- tasks: a request is answered by JSON lines; to abort it ends its program ---- */
@@ -93,7 +88,7 @@ async function follow(url, how, onEvent) {
 }
 function job(files = state.files) {
   const part = (wanted) => files.filter(({ role }) => role === wanted).map(({ role, ...window }) => window);
-  const { options, topic } = state, joints = state.joints.join(',');
+  const { options, topic, joints } = state;
   return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options, topic, joints });
 }
 function cancel() { running?.abort(); running = null; }
@@ -202,8 +197,8 @@ const NEEDED = { t: 'Time', q1: 'Shoulder angle', q2: 'Elbow angle', tau1: 'Shou
 const ROWS = { ...NEEDED, tau2: 'Elbow torque', dq1: 'Shoulder speed', dq2: 'Elbow speed' };
 const UNITS = { us: 'µs', Nm: 'N m', mNm: 'mN m', Ncm: 'N cm', kgfcm: 'kgf cm', ozfin: 'ozf in' };
 const negated = () => given('negate').split(',').filter(Boolean);
-const named = () => Object.fromEntries((state.options.columns ?? '').split(',').filter(Boolean).map((pair) =>
-  pair.split(/=(.*)/)));
+const named = () => Object.fromEntries((state.options.columns ?? '').split(/,(?=\w+=)/).filter(Boolean)
+  .map((pair) => pair.split(/=(.*)/)));
 function unit(name) {
   if (name[0] === 'd') return given('degrees') === 'true' ? 'deg/s' : 'rad/s';
   if (name[0] === 'q') return select('option:degrees', `unit of ${name}`, given('degrees').toLowerCase(),
@@ -238,7 +233,7 @@ const ELBOW = [['relative', 'Relative', 'from the line of link 1',
 function columns() {
   const found = state.described, shown = found ?? state.before;
   if (!found) need('describe', [{ ...state.files[state.shown], role: 'estimate' }], (value, problem) => {
-    state.described = state.before = value ?? { columns: [], taken: {}, topics: [], joints: [], options: {}, problem };
+    state.described = state.before = value ?? { columns: [], taken: {}, topics: [], joints: [], options: {}, guesses: [], problem };
   });
   const table = shown?.columns.length > 0, names = table ? Object.keys(ROWS) : ['q1', 'q2', 'tau1'];
   const rows = names.filter((name) => name in NEEDED || shown?.taken[name] || state.all).map((name) => shown &&
@@ -253,7 +248,7 @@ function columns() {
         ${file.name}</button>`)}</div>`}
     ${found ? '' : busy('reading')}${found?.problem && refusal(found.problem)}
     ${found?.taken_as && note('OK', html`Taken from the file itself: <code>${found.taken_as}</code>`)}
-    ${found?.survey?.guesses.map((guess) => note('WARN', guess))}${shown?.topics.length > 0 && bag(shown)}
+    ${found?.guesses.map((guess) => note('WARN', guess))}${shown?.topics.length > 0 && bag(shown)}
     ${(table || shown?.topics.length > 0) && html`<table class="columns"><thead><tr>
       ${head.map((text) => html`<th scope="col">${text}</th>`)}</tr></thead>
       <tbody>${rows}</tbody></table>`}${table && !state.all &&
@@ -273,11 +268,9 @@ const passed = () => Boolean(state.checks) && !state.checks.some(({ level, check
 function checks() {
   if (!state.checks) need('check', state.files, (value, error) =>
     { state.checks = value ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }]; });
-  const order = Object.keys(CHECKS), sorted = [...(state.checks ?? [])].sort((a, b) =>
-    order.indexOf(a.check) - order.indexOf(b.check));
-  const list = sorted.map(({ check, level, sentence, remedy }) => html`<li><span class="dot ${level}" role="img"
-    aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div><p>${sentence}</p>
-    ${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`,
+  const list = (state.checks ?? []).map(({ check, level, sentence, remedy }) => html`<li><span class="dot ${level}"
+    role="img" aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div>
+    <p>${sentence}</p>${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`,
       { remedy, whole: check === 'conventions' })}</div></li>`);
   return html`${heading('Is it good enough?', 'Everything that can be checked before a fit.')}
     ${state.checks ? html`<ul class="checks">${list}</ul>`
@@ -293,35 +286,26 @@ const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the larges
   ['viscous', 'Viscous', 'the paper’s seven parameters'],
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
   ['geared', 'Geared', 'and friction of gears']];
-/* The command line of the present choices, which the server composes. */
-async function compose() {
-  const answer = await fetch(at('command'), { method: 'POST', body: job() }).catch(() => ({ ok: false }));
-  const text = answer.ok ? await answer.text() : state.command;
-  if (text !== state.command) { state.command = text; draw(); }
-}
 function method() {
-  compose();
   const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'seed', 'spread', 'apply_remedies'];
   return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}
     ${choices('criterion', 'Criterion', CRITERIA)}
     ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, seed',
-      html`<div class="fields">${rest.map(field)}</div>`)}
-    <h3>The same in a terminal</h3>${state.command && command(state.command)}${actions(passed())}`;
+      html`<div class="fields">${rest.map(field)}</div>`)}${actions(passed())}`;
 }
 
 /* ---- 5: fit ---- */
 async function fit() {
-  const began = performance.now(), stages = [], show = (event) => {
+  const stages = [], began = performance.now(), show = (event) => {
     const { progress: before } = state.fitting;
-    if (before && event.progress && before !== event.progress && !stages.includes(before)) stages.push(before);
+    if (before && before !== event.progress && !stages.includes(before)) stages.push(before);
     Object.assign(state.fitting, event, { seconds: Math.round((performance.now() - began) / 1000) });
     if ($('#fitting')) $('#fitting').innerHTML = progress().text;
   };
   Object.assign(state, { result: null, refused: null, fitting: { stages } });
-  const clock = setInterval(() => show({}), 500), work = task('identify', state.files, show);
+  const work = task('identify', state.files, show);
   draw();
   try { state.result = await work; } catch (error) { state.refused = error; }
-  clearInterval(clock);
   state.fitting = null;
   if (state.result && state.step === 4) go(5); else draw();
 }
@@ -335,10 +319,9 @@ function progress() {
 function fitting() {
   if (state.fitting) return html`${heading('Fitting', 'This page shows the result as soon as it is there.')}
     <div class="card" id="fitting">${progress()}</div><div class="actions">${button('stop', 'Stop')}</div>`;
-  compose();
   return html`${heading('Ready', 'The fit runs in a program of its own. It can be stopped at any time.')}
     ${state.refused && (state.refused.sentence ? refusal(state.refused) : note('WARN', 'Stopped. Nothing was kept.'))}
-    ${state.command && command(state.command)}${actions(passed(), state.result ? 'Fit again' : 'Start', 'start')}`;
+    ${actions(passed(), state.result ? 'Fit again' : 'Start', 'start')}`;
 }
 
 /* ---- 6: result ---- */
@@ -347,7 +330,7 @@ const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendu
   'pendubot.py': 'Python' };
 const SAID = { WARN: 'Use them with care: the page says why.', ERROR: 'Do not use them: the page says why.' };
 function result() {
-  const { level, files, missing } = state.result, page = at('output/report.html');
+  const { level, files, missing, command: made } = state.result, page = at('output/report.html');
   const links = Object.keys(FILES).filter((name) => files.includes(name)).map((name) =>
     html`<a class="button" href="${at(`output/${name}`)}" download="${name}">${name}<small>${FILES[name]}</small></a>`);
   return html`<h2>The parameters of the rig</h2>${SAID[level] && note(level, SAID[level])}
@@ -356,19 +339,12 @@ function result() {
     <h3>Take it along</h3><div class="take">${links}</div>
     ${Object.entries(missing).map(([name, sentence]) => html`<p><small>${name}: ${sentence}</small></p>`)}
     <h3>The same in a terminal</h3>
-    ${command(`${state.command}\npendubot export report/result.yaml --output pendubot.urdf`)}
+    ${command(`${made} --report report\npendubot export report/result.yaml --output pendubot.urdf`)}
     ${actions(true, 'Another recording', 'again')}`;
 }
 
 /* ---- the running rig ---- */
-const HISTORY = 200;
-function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
-  if (q) [...q, effort].forEach((value, k) => { if (traces[k].push(value) > HISTORY) traces[k].shift(); });
-  const trace = (...names) => {
-    const all = names.flatMap((k) => traces[k]), low = Math.min(...all), high = Math.max(...all, low + 1e-3);
-    return html`<svg class="trace" viewBox="0 0 100 30" preserveAspectRatio="none" aria-hidden="true">${names.map((k) =>
-      html`<path class="trace${k}" d="${line(traces[k], low, high, 100 * traces[k].length / HISTORY)}"/>`)}</svg>`;
-  };
+function watched({ q, effort = 0, rate, parameters, level, message }) {
   const figure = (name, value, measure) => html`<div><dt>${name}</dt><dd>${value} <small>${measure}</small></dd></div>`;
   const side = Math.sign(effort), torque = side !== 0 &&
     html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
@@ -383,23 +359,21 @@ function watched({ q, effort = 0, rate, parameters, level, message }, traces) {
     : 'No joint states are published. Start the bridge.')}
     ${level ? note(level, html`<strong>${level}</strong> ${message}`) : message && note('ERROR', message)}
     <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
-      ${q && html`<div class="card"><dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
+      <div class="card">${q && html`<dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
         ${figure('q2', number(q[1], 3), 'rad')}
-        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>
-        ${trace(0, 1)}${trace(2)}
-        ${['q1', 'q2', 'effort'].map((name, k) => html`<span class="key trace${k}">${name}</span>`)}</div>`}</div>
-    <div class="card">${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
+        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>`}
+      ${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
       <th scope="col">value</th><th scope="col">95 % interval</th><th scope="col" class="text">unit</th>
       <th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
-      : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div>`;
+      : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div></div>`;
 }
 async function watch() {
-  const traces = [[], [], []], show = (content) => { $('#live').innerHTML = content.text; };
+  const show = (content) => { $('#live').innerHTML = content.text; };
   watch.own = new AbortController();
   show(busy('listening'));
   try {
     await follow('live', { signal: watch.own.signal }, (event) =>
-      { if (event.problem) throw event.problem; show(watched(event, traces)); });
+      { if (event.problem) throw event.problem; show(watched(event)); });
   } catch (error) { if (error.name !== 'AbortError') show(refusal(error)); }
 }
 
@@ -492,6 +466,5 @@ async function start() {
   $('[data-do="view:live"]').hidden = !about.live;
   listen();
   draw();
-  if (location.hash === '#live' && about.live) view('live');
 }
 start();

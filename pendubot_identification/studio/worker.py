@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from pendubot_identification import api
-from pendubot_identification.errors import PendubotError, sentence
+from pendubot_identification.errors import PendubotError, ResultError, sentence
 
 #: Points of a preview.
 POINTS = 300
@@ -32,8 +32,9 @@ Say = Callable[[Mapping[str, Any]], None]
 def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     """Return how a recording is read."""
     found = api.describe(job['bags'][0], **_reading(job))
-    shown = {name: getattr(found, name) for name in ('columns', 'units', 'taken', 'topics', 'joints', 'options')}
-    shown |= {'taken_as': found.taken_as, 'survey': found.survey, 'problem': _problem(found.problem), 'preview': None}
+    shown = {name: getattr(found, name) for name in ('columns', 'taken', 'topics', 'joints', 'options')}
+    guesses = found.survey['guesses'] if found.survey else []
+    shown |= {'taken_as': found.taken_as, 'guesses': guesses, 'problem': found.problem and _problem(found.problem)}
     if (motion := found.motion) is not None:
         step = max(1, len(motion) // POINTS)
         columns = {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}
@@ -61,7 +62,11 @@ def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     found = api.identify(*job['bags'], validate=job['validate'], progress=progress, **_reading(job))
     say({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
     folder = Path(job['folder']) / 'output'
-    found.report(folder, overwrite=True)
+    try:
+        found.report(folder, overwrite=True)
+    except ResultError as error:
+        why = getattr(error.__cause__, 'strerror', error)
+        raise PendubotError(f'the result cannot be kept ({why}); {job["no_space"]}') from error
     missing = {}
     for name in EXPORTS:
         try:
@@ -69,17 +74,14 @@ def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
         except PendubotError as error:
             missing[name] = sentence(error)
     files = sorted(each.name for each in folder.iterdir())
-    return {'level': found.level.name, 'warnings': list(found.result.warnings), 'files': files, 'missing': missing}
+    return {'level': found.level.name, 'command': found.command, 'files': files, 'missing': missing}
 
 
 def _reading(job: Mapping[str, Any]) -> dict[str, Any]:
-    joints = [name.strip() for name in job['joints'].split(',')]
-    return {'topic': job['topic'], 'joint_names': joints, **job['options']}
+    return {'topic': job['topic'], 'joint_names': job['joints'], **job['options']}
 
 
-def _problem(error: Exception | None) -> dict[str, Any] | None:
-    if error is None:
-        return None
+def _problem(error: Exception) -> dict[str, Any]:
     window = getattr(error, 'first', '').rpartition('@')[2]  # of a recording that is too long
     return {'sentence': sentence(error), 'remedy': getattr(error, 'remedy', {}), 'window': window}
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -269,7 +270,8 @@ def _pairs(option: str, value: Any) -> dict[str, str]:
         return {str(name): str(text) for name, text in value.items()}
     named: dict[str, str] = {}
     example = 't=NAME,q1=NAME,...' if option == 'columns' else 'q1=0.1,tau1=0.05,...'
-    for part in _words(value):
+    # The name of a column may hold a comma, too.
+    for part in _words(value if isinstance(value, (list, tuple)) else re.split(r',(?=\s*\w+\s*=)', str(value))):
         name, _, text = (word.strip() for word in part.partition('='))
         if not (name and text) or name in named:
             raise ParameterError(f'--{option} {part!r} is not understood; {example} is expected, each once')

@@ -38,7 +38,7 @@ def test_a_folder_with_a_page_and_the_result(made):
     assert plots(made / 'look') == PLOTS
     assert (made / 'look' / 'result.yaml').read_bytes() == (made / 'result.yaml').read_bytes()
     page = Page((made / 'look' / 'report.html').read_text())
-    assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(FIGURES)
+    assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(PLOTS | FIGURES)
     assert [link for link in page.links if not link.startswith(('data:', '#'))] == []
     assert str(made) not in (made / 'look' / 'report.html').read_text()
     assert (made / 'look' / 'report.html').stat().st_size < 2_000_000
@@ -115,7 +115,7 @@ def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made,
     def fail(*_):
         raise RuntimeError('a figure that cannot be drawn')
 
-    monkeypatch.setattr('pendubot_identification.report.figures.draw_correlation', fail)
+    monkeypatch.setattr('pendubot_identification.report.plots.draw_correlation', fail)
     new, output = tmp_path / 'new' / 'look', tmp_path / 'result.yaml'
     shutil.copytree(made / 'look', tmp_path / 'look')
     before = contents(tmp_path / 'look')

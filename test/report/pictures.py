@@ -7,8 +7,8 @@ import functools
 
 import numpy as np
 
-from pendubot_identification.report import figures, plots
-from pendubot_identification.report.figure_data import Excitation, Residuals, Simulation, UnexplainedTorque
+from pendubot_identification.report import plots
+from pendubot_identification.report.figure_data import Residuals, Simulation
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import made
 
@@ -39,7 +39,7 @@ def unexplained_torque():
     t = 0.02 * np.arange(200)
     torque = np.column_stack([np.sin(7 * t), np.zeros_like(t)])
     seen = {'its angle [rad]': np.concatenate([torque, torque]), 'its speed [rad/s]': np.zeros((400, 2))}
-    return UnexplainedTorque(('a', 'b'), (t, t), (torque, torque), seen)
+    return [('a', t, torque), ('b', t, torque)], seen
 
 
 @functools.cache
@@ -48,13 +48,11 @@ def every_picture():
     energy = result.criteria['energy']
     timeline = plots.Timeline()
     return [
-        plots.plot_recordings([motion()], [motion(start=3.0)]),
-        plots.plot_simulation(simulation(), timeline, validation=True),
-        plots.plot_residuals(residuals(), timeline),
-        figures.draw_whiteness(residuals()),
-        plots.plot_unexplained_torque(unexplained_torque(), timeline),
-        figures.draw_torque_means(unexplained_torque()),
-        *figures.draw_convergence('energy', energy.J.least_squares, energy.convergence),
-        *figures.draw_correlation(result),
-        figures.draw_excitation(list(result.parameters), Excitation(np.ones((7, 3)), np.ones((7, 3)), np.ones(3))),
+        *plots.plot_recordings([motion()], [motion(start=3.0)]),
+        *plots.plot_simulation(simulation(), timeline, validation=True),
+        *plots.draw_residuals(residuals(), timeline),
+        *plots.draw_unexplained_torque(*unexplained_torque(), timeline),
+        *plots.draw_convergence('energy', energy.J.least_squares, energy.convergence),
+        *plots.draw_correlation(result),
+        *plots.draw_excitation(list(result.parameters), np.ones((7, 3)), np.ones((7, 3)), np.ones(3)),
     ]

@@ -19,8 +19,7 @@ from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.report.folder import write_failure, write_report, write_track
-from pendubot_identification.report.page import result_page
+from pendubot_identification.report.page import result_page, write_failure, write_report, write_track
 from pendubot_identification.report.plots import plot_track
 from pendubot_identification.report.table import Table
 from pendubot_identification.results.result import Parameter, PartialResult
@@ -86,42 +85,31 @@ def drag(page, box, begin, end):
     page.mouse.up()
 
 
-def test_what_is_zoomed_in_one_plot_is_zoomed_in_all_and_comes_back(opened):
+def test_what_is_zoomed_in_one_plot_is_zoomed_in_all_by_mouse_buttons_and_keys(opened):
     page = opened()
     before = page.evaluate(RANGES)
     assert before['simulation'] == [[0, 3]] * 6, 'states and errors'
     drag(page, over(page, 'simulation'), 0.25, 0.5)
     page.wait_for_function(f'({RANGES})().simulation[0][1] < 2')
     after = page.evaluate(RANGES)
-    shown = after['simulation'][0]
-    assert shown == pytest.approx([0.75, 1.5], abs=0.02)
-    assert all(panel == pytest.approx(shown) for panels in after.values() for panel in panels)
-    box = over(page, 'recordings', 1)
-    page.keyboard.down('Shift')
-    drag(page, box, 0.8, 0.3)
-    page.keyboard.up('Shift')
-    page.wait_for_function(f'({RANGES})().simulation[0][0] > 1')
-    moved = page.evaluate(RANGES)['simulation'][0]
-    assert moved[0] == pytest.approx(shown[0] + 0.5 * 0.75, abs=0.03)
-    assert moved[1] - moved[0] == pytest.approx(0.75, abs=0.02)
-    box = over(page, 'recordings', 1)
-    page.mouse.dblclick(box['x'] + 40, box['y'] + 40)
-    page.wait_for_function(f'({RANGES})().simulation[0][1] === 3')
-    assert page.evaluate(RANGES) == before
-
-
-def test_buttons_and_keys_do_the_same(opened):
-    page = opened()
-    before = page.evaluate(RANGES)['recordings'][0]
+    low, high = after['simulation'][0]
+    assert (low, high) == pytest.approx((0.75, 1.5), abs=0.02)
+    assert all(panel == pytest.approx((low, high)) for panels in after.values() for panel in panels)
     page.locator('[data-plot=recordings] button[title="zoom in"]').click()
-    page.wait_for_function(f'({RANGES})().recordings[0][0] > {before[0]}')
-    low, high = page.evaluate(RANGES)['recordings'][0]
-    assert high - low == pytest.approx((before[1] - before[0]) / 1.6)
+    page.wait_for_function(f'({RANGES})().recordings[0][0] > {low}')
+    begin, end = page.evaluate(RANGES)['recordings'][0]
+    assert end - begin == pytest.approx((high - low) / 1.6)
     page.locator('[data-plot=recordings]').focus()
     page.keyboard.press('ArrowRight')
-    page.wait_for_function(f'({RANGES})().recordings[0][0] > {low}')
-    page.keyboard.press('Home')
-    page.wait_for_function(f'({RANGES})().recordings[0][1] === {before[1]}')
+    page.wait_for_function(f'({RANGES})().recordings[0][0] > {begin}')
+    assert page.evaluate(RANGES)['recordings'][0][0] == pytest.approx(begin + (end - begin) / 4)
+    for restore in (page.mouse.dblclick, lambda *_: page.keyboard.press('Home')):
+        box = over(page, 'recordings', 1)
+        restore(box['x'] + 40, box['y'] + 40)
+        page.wait_for_function(f'({RANGES})().simulation[0][1] === 3')
+        assert page.evaluate(RANGES) == before
+        page.locator('[data-plot=recordings] button[title="zoom in"]').click()
+        page.locator('[data-plot=recordings]').focus()
 
 
 def test_values_are_read_where_the_mouse_is_and_the_rig_stands_so(opened):
@@ -136,7 +124,7 @@ def test_values_are_read_where_the_mouse_is_and_the_rig_stands_so(opened):
     assert float(other.first.inner_text()) == pytest.approx(0.997, abs=0.01)
     measured, simulated = page.evaluate(POSES)
     assert measured[0] == pytest.approx(0.997, abs=0.01)
-    assert simulated[0] == pytest.approx(float(other.nth(1).inner_text().replace('−', '-')), abs=1e-3)
+    assert simulated[0] == pytest.approx(float(other.nth(1).inner_text().replace('−', '-')), abs=0.02)
 
 
 def test_the_rig_is_played_and_scrubbed_by_mouse_and_keys(opened):
@@ -160,15 +148,19 @@ def test_only_who_wants_motion_sees_it_unasked(opened, real):
         assert page.locator('.player button').first.inner_text() == ('❚❚ stop' if moves else '▶ play')
 
 
-def test_light_and_dark(opened):
-    """Figures are turned with the page, so that ink is on paper in both."""
-    for scheme, turned in (('light', False), ('dark', True)):
-        page = opened(color_scheme=scheme)
-        paper, ink = (page.evaluate(BRIGHTNESS, ['body', what]) for what in ('backgroundColor', 'color'))
-        assert (paper < 40 and ink > 200) if turned else (paper > 240 and ink < 40)
-        for selector in ('figure img', '.plot canvas', '.swatch'):
-            style = page.evaluate('(s) => getComputedStyle(document.querySelector(s)).filter', selector)
-            assert ('invert' in style) == turned, selector
+@pytest.mark.parametrize(('scheme', 'turned'), [('light', False), ('dark', True)])
+def test_light_and_dark(opened, scheme, turned):
+    """Figures are turned with the page, so that ink is on paper in both, and no caption names a brightness."""
+    page = opened(color_scheme=scheme)
+    paper, ink = (page.evaluate(BRIGHTNESS, ['body', what]) for what in ('backgroundColor', 'color'))
+    assert (paper < 40 and ink > 200) if turned else (paper > 240 and ink < 40)
+    for selector in ('figure img', '.plot canvas', '.swatch'):
+        style = page.evaluate('(s) => getComputedStyle(document.querySelector(s)).filter', selector)
+        assert ('invert' in style) == turned, selector
+    captions = page.locator('figcaption, .note').all_inner_texts()
+    assert len(captions) > 8
+    words = r'\b(?:black|pale|dark|deep|light|bright|gr[ae]y|coloured)\b'
+    assert [text for text in captions if re.search(words, text)] == []
 
 
 def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(opened, real):
@@ -176,24 +168,19 @@ def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(op
     pdf = page.pdf(prefer_css_page_size=True)
     assert 1 <= len(re.findall(rb'/Type\s*/Page\b', pdf)) <= 4
     page.emulate_media(media='print')
-    page.evaluate('dispatchEvent(new Event("beforeprint"))')
     assert page.evaluate(BRIGHTNESS, ['body', 'backgroundColor']) > 240
     assert not any(each.is_visible() for each in page.locator('button, summary, .controls').all())
-    drawings = page.locator('.printed > svg').all()
-    assert len(drawings) == page.locator('.plot').count()
-    selected = page.locator('[data-name=simulation] .printed, [data-name=recordings] .printed').all()
-    assert all(each.is_visible() for each in selected)
-    page.evaluate('dispatchEvent(new Event("afterprint"))')
-    assert page.locator('.printed').count() == 0
+    figures = page.locator('[data-name=simulation] img, [data-name=recordings] img').all()
+    assert len(figures) == 2
+    assert all(each.is_visible() for each in figures)
 
 
-def test_without_javascript_the_figures_stand_there_and_plots_say_what_they_need(opened):
+def test_without_javascript_every_figure_stands_there(opened):
     page = opened(java_script_enabled=False)
-    assert all(each.is_visible() for each in page.locator('figure img').all())
+    figures = page.locator('figure img').all()
+    assert len(figures) == 9
+    assert all(each.is_visible() for each in figures)
     assert not any(each.is_visible() for each in page.locator('.live').all())
-    missing = page.locator('figure noscript p').all()
-    assert page.locator('figure img').count() + len(missing) == 9
-    assert all(each.is_visible() and 'report --figures' in each.inner_text() for each in missing)
 
 
 @pytest.mark.parametrize('script', [True, False])
@@ -210,8 +197,9 @@ def test_on_a_telephone_nothing_is_wider_than_the_screen_and_values_keep_their_u
 
 
 def test_the_first_screen_says_it_all(opened, real):
-    """The rig, level, fits and parameters with bars; within one screen, and within two on a telephone."""
+    """The rig, level, fits and parameters with bars; within one screen, and within two on a telephone; in 2 MB."""
     result = made()
+    assert real.stat().st_size <= 2_000_000
     for width, height, screens in ((1440, 900, 1), (360, 800, 2)):
         page = opened(real, viewport={'width': width, 'height': height})
         assert page.evaluate('document.querySelector(".first").getBoundingClientRect().bottom') <= screens * height
@@ -249,16 +237,15 @@ def test_the_rig_has_the_proportions_of_its_parameters(opened, real):
     assert np.arctan2(-x[1, 1], x[1, 0]) == pytest.approx(np.remainder(q1 + np.pi, 2 * np.pi) - np.pi, abs=0.01)
 
 
-@pytest.mark.parametrize('model', MODELS)
-def test_the_equations_of_the_page_are_those_of_python(opened, model):
-    rng, size = np.random.default_rng(5), MODELS[model]
-    theta = (np.array([22, 4, 1, 224, 33, 66, 1, 50, 20, 3, 30, 10, 3000, 2000]) * 1e-4)[:size]
-    rows = rng.normal(size=(100, 6)) * [3, 3, 0.3, 0.3, 1, 1]
-    found = opened().evaluate(
-        '([f, p, rows]) => rows.map((x) => eval(f)(p, ...x))', [javascript(size), theta.tolist(), rows.tolist()]
-    )
-    exact = forward_dynamics(theta, rows[:, :2], rows[:, 2:4], rows[:, 4:])
-    np.testing.assert_allclose(found, exact, rtol=1e-9)
+def test_the_equations_of_the_page_are_those_of_python(opened):
+    rng, page = np.random.default_rng(5), opened()
+    for size in MODELS.values():
+        theta = (np.array([22, 4, 1, 224, 33, 66, 1, 50, 20, 3, 30, 10, 3000, 2000]) * 1e-4)[:size]
+        rows = rng.normal(size=(100, 6)) * [3, 3, 0.3, 0.3, 1, 1]
+        call = '([f, p, rows]) => rows.map((x) => eval(f)(p, ...x))'
+        found = page.evaluate(call, [javascript(size), theta.tolist(), rows.tolist()])
+        exact = forward_dynamics(theta, rows[:, :2], rows[:, 2:4], rows[:, 4:])
+        np.testing.assert_allclose(found, exact, rtol=1e-9)
 
 
 def test_the_simulation_of_the_page_is_that_of_python(opened, real):
@@ -322,8 +309,8 @@ def test_beyond_the_intervals_only_on_request_and_never_without_a_word(opened, r
     page.wait_for_function('document.querySelector(".controls [role=status]").textContent.startsWith("No rig")')
     assert 'not positive definite' in said.inner_text()
     wide.uncheck()
+    page.wait_for_function('document.querySelector(".controls [role=status]").textContent.startsWith("Each")')
     assert page.evaluate('pendubot.live.p[0]') == result.parameters['P1'].interval[0]
-    assert 'No rig' not in said.inner_text()
 
 
 def test_both_play_from_a_chosen_start(opened, real):
@@ -343,29 +330,20 @@ def test_both_play_from_a_chosen_start(opened, real):
     assert page.evaluate(POSES)[1] is None, 'nothing is simulated before the start'
 
 
-def test_every_figure_is_saved_as_SVG_and_PNG(opened, real):
+def test_a_plot_over_time_and_a_figure_are_saved_as_SVG_and_PNG(opened, real):
     page = opened(real, accept_downloads=True)
-    names = page.evaluate('[...document.querySelectorAll("figure")].map((figure) => figure.dataset.name)')
-    assert {'simulation', 'recordings', 'correlation', 'excitation', 'torque_left'} <= set(names)
-    for name in names:
-        page = opened(real, accept_downloads=True)  # of one page, a browser saves but so many files a second
+    assert page.locator('figure .save').count() == page.locator('figure').count() > 8
+    for name, panels in (('simulation', 6), ('correlation', 1)):
         for kind in ('SVG', 'PNG'):
             with page.expect_download() as download:
                 page.locator(f'figure[data-name={name}] .save').get_by_text(kind).click()
             assert download.value.suggested_filename == f'{name}.{kind.lower()}'
             content = download.value.path().read_bytes()
-            if kind == 'PNG':
+            if kind == 'SVG':
+                assert len(re.findall(rb"<g id='axes_\d'", content)) == panels
+                assert ElementTree.fromstring(content).tag == '{http://www.w3.org/2000/svg}svg'
+            else:
                 assert content.startswith(b'\x89PNG')
-                continue
-            root = ElementTree.fromstring(content)
-            assert root.tag == '{http://www.w3.org/2000/svg}svg'
-            assert b'NaN' not in content
-            if page.locator(f'[data-plot={name}]').count():
-                text = ''.join(root.itertext())
-                assert 'time [s]' in text
-                assert len(root.findall('{*}svg')) == page.evaluate(
-                    f'document.querySelector("[data-plot={name}]").charts.length'
-                )
 
 
 def test_the_table_is_saved_and_the_command_copied(opened, real):
@@ -378,65 +356,49 @@ def test_the_table_is_saved_and_the_command_copied(opened, real):
     assert page.evaluate('navigator.clipboard.readText()').startswith('pendubot identify swing@0:4')
 
 
-def pages(real, folder):
+@pytest.fixture(scope='module')
+def track():
+    """States of a rig with nine parameters, and what happened to it."""
+    values = 1 + 0.01 * np.random.default_rng(1).standard_normal((100, 9))
+    states = [
+        State(float(t), theta, np.full(9, 0.01 + 1 / (1 + t)), 0.0, 0.001, Level.WARN, ('it is cold',), 0.1, True)
+        for t, theta in enumerate(values)
+    ]
+    states[0] = states[0]._replace(std_error=np.full(9, np.inf))
+    return states, [Change(40.0, 41.0, 'payload on link 2', {'P2': (0.1, 0.01)}), Disturbance(60.0, 60.5)]
+
+
+@pytest.fixture(scope='module')
+def pages(real, track, tmp_path_factory):
     """The page of a result, of a failure and of a track."""
-    bag = read_trajectory(SAMPLE).trajectory
+    bag, folder = read_trajectory(SAMPLE).trajectory, tmp_path_factory.mktemp('pages')
+    table, happened = Table(['', 'value'], [['P1', '1']]), [str(event) for event in track[1]]
     with OutputFolder(folder / 'failed') as failed, OutputFolder(folder / 'track') as tracked:
-        state = State(1.0, np.ones(7), np.full(7, 0.1), 0.0, 0.001, Level.WARN, ('it is cold',), 0.1, True)
-        table = Table(['', 'value'], [['P1', '1']])
-        states = [state, state._replace(t=2.0)]
         return [
             real,
             write_failure(failed, 'the bag is empty', ['estimate from day'], ([bag[:400]], [])),
-            write_track(tracked, (states, [Disturbance(1.0, 1.5)]), table, ['a push'], ['day'], ''),
+            write_track(tracked, track, table, happened, ['day'], ''),
         ]
 
 
 @pytest.mark.parametrize('scheme', ['light', 'dark'])
-def test_axe_finds_nothing_serious(opened, real, tmp_path, scheme):
-    for file in pages(real, tmp_path):
+def test_axe_finds_nothing_serious_and_headings_are_in_order_in_main(opened, pages, scheme):
+    for file in pages:
         page = opened(file, color_scheme=scheme)
         page.evaluate('document.querySelectorAll("details").forEach((each) => { each.open = true; })')
         assert serious(page) == []
-
-
-def test_headings_are_in_order_in_main(opened, real, tmp_path):
-    for file in pages(real, tmp_path):
-        page = opened(file)
         levels = page.evaluate(
             '[...document.querySelectorAll("main :is(h1, h2, h3, h4)")].map((h) => Number(h.tagName[1]))'
         )
         assert len(levels) == page.locator('h1, h2, h3, h4').count()
-        assert levels[0] == 1
-        assert levels.count(1) == 1
+        assert levels[0] == levels.count(1) == 1
         assert all(after <= before + 1 for before, after in pairwise(levels))
 
 
-def test_captions_are_true_in_light_and_dark(opened, real):
-    """None names a brightness, or a colour that the dark page changes."""
-    captions = opened(real).locator('figcaption, .note').all_inner_texts()
-    assert len(captions) > 8
-    words = r'\b(?:black|pale|dark|deep|light|bright|gr[ae]y|coloured)\b'
-    assert [text for text in captions if re.search(words, text)] == []
-
-
-def test_the_page_is_one_small_file(real):
-    assert real.stat().st_size <= 2_000_000
-
-
-def test_what_became_of_parameters_is_explored_beside_what_happened(opened, tmp_path):
-    rng = np.random.default_rng(1)
-    values = 1 + 0.01 * rng.standard_normal((100, 9))
-    states = [
-        State(float(t), theta, np.full(9, 0.01 + 1 / (1 + t)), 0.0, 0.001, Level.OK, (), 0.1, True)
-        for t, theta in enumerate(values)
-    ]
-    states[0] = states[0]._replace(std_error=np.full(9, np.inf))
-    events = [Change(40.0, 41.0, 'payload on link 2', {'P2': (0.1, 0.01)}), Disturbance(60.0, 60.5)]
-    table, happened = Table(['', 'value'], [['P1', '1 +- 0.1']]), [str(event) for event in events]
-    file = write_track(OutputFolder(tmp_path / 'look'), (states, events), table, happened, ['day'], '')
+def test_what_became_of_parameters_is_explored_beside_what_happened(opened, pages, track):
+    states, _ = track
     assert plot_track(states[:1], []).content.data()['panels'], 'of one state, too'
-    page = opened(file)
+    page = opened(pages[2])
     before = page.evaluate(RANGES)['track']
     assert len(before) == 10, 'nine parameters, and what is left unexplained'
     drag(page, over(page, 'track'), 0.25, 0.5)

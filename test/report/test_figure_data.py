@@ -106,20 +106,20 @@ def test_a_parameter_of_a_resting_joint_has_no_part_of_its_own():
     t = np.arange(900) * 0.01
     q = np.column_stack([-np.pi / 2 + 0.3 * np.sin(2 * np.pi * t), 1e-6 * np.sin(9 * t)])
     still = excitation([Motion.prepare(Trajectory(t, q, np.zeros_like(q)), 0.02)], answer())
-    b2 = 6
-    assert still.term[b2].max() < 1e-3 * moving.term[b2].max()
+    b2, (term, own, _), (others, alone, _) = 6, moving, still
+    assert others[b2].max() < 1e-3 * term[b2].max()
     # With the elbow held, the two links are one pendulum: P1, P2 and P3 say the same of the shoulder.
-    assert (still.own[:3, 0] < 1e-2 * still.term[:3, 0]).all()
-    assert (moving.own[:3, 0] > 1e-2 * moving.term[:3, 0]).all()
-    for shown in (moving, still):
-        assert (shown.own <= shown.term).all()
-        assert shown.term[0, 1] == shown.own[0, 1] == 0.0, "P1 has no part in the elbow's equation"
+    assert (alone[:3, 0] < 1e-2 * others[:3, 0]).all()
+    assert (own[:3, 0] > 1e-2 * term[:3, 0]).all()
+    for shown, part in ((term, own), (others, alone)):
+        assert (part <= shown).all()
+        assert shown[0, 1] == part[0, 1] == 0.0, "P1 has no part in the elbow's equation"
 
 
 def test_parameters_without_effect_are_zero():
     """Of a link 2 without mass or friction all of the elbow's equation is 0."""
     motion = Motion.prepare(recording(300), 0.02)
-    shown = excitation([motion], answer(THETA * [1, 0, 0, 1, 0, 1, 0]))
-    assert (shown.term[:, 1] == 0).all()
-    assert (shown.own[:, 1] == 0).all()
-    assert (shown.term[[0, 3], 0] > 0).all()
+    term, own, _ = excitation([motion], answer(THETA * [1, 0, 0, 1, 0, 1, 0]))
+    assert (term[:, 1] == 0).all()
+    assert (own[:, 1] == 0).all()
+    assert (term[[0, 3], 0] > 0).all()
