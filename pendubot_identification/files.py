@@ -15,10 +15,8 @@ from typing import Any
 from pendubot_identification.errors import MissingFileError, PendubotError, ResultError
 
 
-def read_yaml(
-    path: Path, expected: str, refusal: type[PendubotError] = ResultError, replaced: Mapping[str, str] | None = None
-) -> Any:
-    """Return the content of a YAML file, each text of ``replaced`` read as its value.
+def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultError) -> Any:
+    """Return the content of a YAML file.
 
     Raises:
         MissingFileError: there is no such file.
@@ -27,12 +25,8 @@ def read_yaml(
     import yaml
 
     try:
-        text = path.read_text(encoding='utf-8')
         # Libyaml's, where it was built, takes a seventh of the time.
-        loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-        for old, new in (replaced or {}).items():
-            text = text.replace(old, new)
-        return yaml.load(text, Loader=loader)
+        return yaml.load(path.read_text(encoding='utf-8'), Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
     except FileNotFoundError as error:
         raise MissingFileError(f'there is no file {path}; {expected}') from error
     except OSError as error:

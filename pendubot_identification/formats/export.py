@@ -94,7 +94,7 @@ def provenance(result: PartialResult) -> list[str]:
         *(f'{bag.role}: {bag.bag}, sha256 {bag.sha256}' for bag in result.bags),
         f'level: {"not known" if result.level is None else result.level.name}',
         *(f'warning: {warning}' for warning in result.warnings),
-        *(f'{name} is not covered by the level: {why}' for name, why in (result.not_covered or {}).items()),
+        *(f'{name} is not covered by the level: {why}' for name, why in result.not_covered.items()),
     ]
     return [' '.join(str(line).split()) for line in lines]
 

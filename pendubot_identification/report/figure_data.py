@@ -192,12 +192,12 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
 def residuals(motions: Sequence[Motion], answer: Answer, settings: Settings) -> Residuals:
     """Return the residuals of an estimate by one criterion of the settings on its training data.
 
-    For ``likelihood`` (``trajectory`` in earlier results), these are the normalized innovations every 0.05 s.
+    For ``likelihood``, these are the normalized innovations every 0.05 s.
 
     Raises:
         TrajectoryError: the recordings are too short.
     """
-    if answer.criterion in ('likelihood', 'trajectory'):
+    if answer.criterion == 'likelihood':
         names: tuple[str, ...] = ('q1', 'q2')
         unit, overlap = 'standard deviations', 0.0
         t, z = standardised_innovations(motions, answer.theta, answer.delay, settings)

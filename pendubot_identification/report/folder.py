@@ -126,7 +126,6 @@ def write_track(
 def _of_result(result: Result) -> Iterator[Wanted]:
     yield 'the correlations', lambda: figures.draw_correlation(result)
     for criterion, answer in result.criteria.items():
-        # Without MDE there is none, and results of earlier versions do not hold it, or not its minimum.
         if answer.convergence and answer.J.least_squares is not None:
             draw = partial(figures.draw_convergence, criterion, answer.J.least_squares, answer.convergence)
             yield f'the convergence of {criterion}', draw
@@ -161,10 +160,7 @@ class Prepared:
         """Return how well another result, and this one, predict the validation data or, without any, all data."""
         best, (other, name) = answers(self.result)[self.result.criterion], beside
         motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
-        return {
-            title: predicted(predict(motions, theta, best.delay, self.scale), Predicted)
-            for title, theta in vectors.items()
-        }
+        return {title: predicted(predict(motions, theta, best.delay, self.scale)) for title, theta in vectors.items()}
 
     def pictures(self) -> Iterator[Wanted]:
         """Yield the subject of each picture of the recordings, and the function that draws it."""

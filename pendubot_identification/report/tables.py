@@ -66,7 +66,7 @@ def parameter_rows(result: Result, beside: Beside | None = None) -> list[Paramet
             for other, value in zip(answer.parameters, correlation.get(name, ()), strict=False)
             if other != name and value is not None and abs(value) > ASSESSMENT.correlated
         ]
-        reasons = dict.fromkeys([_doubt(entry), (result.not_covered or {}).get(name, '')])
+        reasons = dict.fromkeys([_doubt(entry), result.not_covered.get(name, '')])
         half_width = None if entry.std_error is None else entry.quantile * entry.std_error
         rows.append(
             ParameterRow(
@@ -308,12 +308,9 @@ def steps(result: Result) -> str:
 
 def verdict(result: Result) -> str:
     """Return the meaning of a result's level in a sentence; OK names the parameters that it does not cover."""
-    doubts = result.not_covered
-    if doubts is None:  # results of earlier versions only mark them
-        doubts = {name: doubt for name, entry in result.parameters.items() if (doubt := _doubt(entry))}
-    if result.level is not Level.OK or not doubts:
+    if result.level is not Level.OK or not result.not_covered:
         return VERDICTS[result.level]
-    named = ', '.join(f'{name} ({why})' for name, why in doubts.items())
+    named = ', '.join(f'{name} ({why})' for name, why in result.not_covered.items())
     return f'{VERDICTS[Level.OK]}; do not rely on {named}'
 
 

@@ -18,7 +18,7 @@ from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import QUANTITIES, Conversion
 
-from .result_file import read_parameters
+from .result_file import read_result
 
 #: Options with another name in Python.
 RENAMED = {'joints': 'joint_names', 'force': 'overwrite=True'}
@@ -118,5 +118,5 @@ def _value(option: Setting, value: Any) -> Any:
     if option is DELAY:
         return interval_of('delay', value, '0:0.02')
     if option is START:
-        return value if isinstance(value, Parameters) else read_parameters(Path(value))
+        return value if isinstance(value, Parameters) else read_result(Path(value)).theta
     return option.parse(value)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import ResultError
-from pendubot_identification.files import read_yaml, write_atomically, yaml_text
+from pendubot_identification.files import read_yaml, yaml_text
 from pendubot_identification.model.parameters import MODELS, NAMES, Parameters
 
 from .result import SCHEMA, PartialResult, Result, plain
@@ -22,17 +22,6 @@ T = TypeVar('T')
 
 REQUIRED = NAMES[: MODELS['viscous']]
 EXPECTED = 'name a file that pendubot identify wrote'
-#: Keys in the first files of this schema, and their present names.
-EARLIER = {'standing_still:': 'persistence:', 'held:': 'fixed:', 'put_right:': 'corrected:'}
-
-
-def write_result(path: Path, result: PartialResult, *, overwrite: bool = False) -> None:
-    """Write a complete result file, or none.
-
-    Raises:
-        ResultError: the file exists already, or the system refuses to write it.
-    """
-    write_atomically(path, result_text(result), overwrite=overwrite)
 
 
 def result_text(result: PartialResult) -> str:
@@ -61,19 +50,8 @@ def read_complete_result(path: Path) -> Result:
     return structured(Result, _read(path), path)
 
 
-def read_parameters(path: Path) -> Parameters:
-    """Return the parameters of a result file.
-
-    Raises:
-        ResultError: as :func:`read_result`.
-    """
-    return read_result(path).theta
-
-
 def read_estimate(path: Path) -> tuple[Parameters, NDArray[np.float64] | None]:
-    """Return the parameters of a result file, and their standard errors, shape (D,), where it has them all.
-
-    Parameters that are absent from the file are exactly 0.
+    """Return the parameters of a result file, 0 if absent, and their standard errors, shape (D,), if it has them all.
 
     Raises:
         ResultError: as :func:`read_result`.
@@ -112,12 +90,8 @@ def structured(kind: type[T], data: Any, file: object) -> T:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the content of a result file, its parameters in the order of theta.
-
-    Raises:
-        ResultError: there is no such file, it has another schema, or it has no parameter vector.
-    """
-    data = read_yaml(path, EXPECTED, replaced=EARLIER)
+    """Return the content of a result file, its parameters in the order of theta, or raise ResultError."""
+    data = read_yaml(path, EXPECTED)
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; {EXPECTED}')
     entries = data.get('parameters')

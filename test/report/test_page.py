@@ -28,7 +28,7 @@ from pendubot_identification.report.page import failure_page, result_page
 from pendubot_identification.report.plots import Timeline, plot_recordings, plot_simulation
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.corrections import identify_recordings
+from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import PartialResult, Result
 from pendubot_identification.results.result import plain as plain_of

@@ -17,18 +17,15 @@ from pendubot_identification.identify.estimate import Zeros
 from pendubot_identification.identify.settings import CRITERIA
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.provenance import settings
 from pendubot_identification.results.result import SCHEMA, Parameter, PartialResult
 from pendubot_identification.results.result import plain as plain_of
 from pendubot_identification.results.result_file import (
     read_complete_result,
     read_estimate,
-    read_parameters,
     read_result,
     result_text,
-    write_result,
 )
-from test.identified import SOURCE, earlier, identified, made, plain, write
+from test.identified import SOURCE, identified, made, plain, write
 
 
 def first_numbers(node, found=None):
@@ -45,7 +42,7 @@ def first_numbers(node, found=None):
 
 def test_a_written_result_is_read_back(tmp_path):
     result, path = made(), tmp_path / 'result.yaml'
-    write_result(path, result)
+    path.write_text(result_text(result))
     assert read_result(path) == read_complete_result(path) == result
     assert json.loads(json.dumps(plain_of(result), allow_nan=False)) == yaml.safe_load(path.open())
     text = path.read_text()
@@ -67,7 +64,7 @@ def test_parameters_without_an_elbow_motor_are_named(tmp_path):
     assert result.not_in_model == ['k2, for the effort of the elbow is zero throughout']
     assert 'k2' not in result.not_covered
     assert np.shape(result.covariance) == np.shape(result.criteria['weak'].correlation) == (13, 13)
-    write_result(tmp_path / 'result.yaml', result)
+    (tmp_path / 'result.yaml').write_text(result_text(result))
     parameters, std_error = read_estimate(tmp_path / 'result.yaml')
     assert parameters.vector('geared').tolist() == identified(('weak',), 'geared').best.theta.tolist()
     assert std_error.tolist() == [*(entry.std_error for entry in result.parameters.values()), 0.0]
@@ -143,7 +140,7 @@ def by_hand(tmp_path):
 
 def test_parameters_that_are_0_may_be_absent(by_hand):
     braked = by_hand(Fc1=None, Fc2={'value': 0.1}, J2=None, Fs1=None, k2=None)
-    assert read_parameters(braked) == replace(PAPER, Fc2=0.1)
+    assert read_result(braked).theta == replace(PAPER, Fc2=0.1)
 
 
 def test_handwritten_numbers_are_read(tmp_path):
@@ -209,21 +206,6 @@ def test_an_incomplete_result_is_one_sentence(tmp_path, path, sentence):
     write(tmp_path / 'r.yaml', data)
     with pytest.raises(ResultError, match=sentence):
         read_complete_result(tmp_path / 'r.yaml')
-
-
-def test_a_result_of_an_earlier_version_is_read(tmp_path):
-    """It held less, and what a later one adds is left out."""
-    data = earlier() | {'of_a_later_version': 1}
-    text = yaml.safe_dump(data, sort_keys=False).replace('persistence:', 'standing_still:')
-    text = text.replace('fixed: false', 'held: true')
-    (tmp_path / 'r.yaml').write_text(text)
-    result = read_complete_result(tmp_path / 'r.yaml')
-    assert all(entry.fixed for entry in result.parameters.values())
-    assert (result.theta, result.J, result.prediction) == ((now := made()).theta, now.J, now.prediction)
-    assert (result.criterion, *result.criteria) == ('trajectory', 'energy', 'weak', 'trajectory')
-    assert settings(result).criteria == ('energy', 'weak', 'likelihood')
-    assert result.not_covered is None
-    assert result.bags[0].topic == '/joint_states'
 
 
 def test_reading_parameters_needs_no_mathematics():
