@@ -81,18 +81,11 @@ def offered_profiles(text: str) -> list[Qos]:
     return []
 
 
-def parse_information(text: str) -> dict[str, Any]:
-    """Return the content of metadata.yaml, or of its copy in an .mcap file; nothing if it is damaged."""
-    with suppress(yaml.YAMLError, AttributeError):
-        content = yaml.safe_load(text)
-        return dict(content.get('rosbag2_bagfile_information', content))
-    return {}
-
-
 def read_information(folder: Path) -> dict[str, Any]:
     """Return the content of a folder's metadata.yaml; nothing if it is missing or damaged."""
-    with suppress(OSError, UnicodeDecodeError):
-        return parse_information((folder / METADATA).read_text(encoding='utf-8'))
+    with suppress(OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, LookupError):
+        content = yaml.safe_load((folder / METADATA).read_text(encoding='utf-8'))
+        return dict(content['rosbag2_bagfile_information'])
     return {}
 
 

@@ -84,7 +84,7 @@ def divided(
 ) -> Datasets:
     """Return motions for training and for validation, with their sources and notes."""
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
-    notes = [r.note for _, r in pairs if r.note]
+    notes, read_as = [r.note for _, r in pairs if r.note], (topic, list(joint_names))
     for (role, first), (_, second) in combinations(pairs, 2):
         starts, ends = zip(span(first.trajectory), span(second.trajectory), strict=True)
         if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
@@ -92,13 +92,12 @@ def divided(
                 f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
                 'validation look better than they are'
             )
-    sources = []
-    for role, r in pairs:
-        samples, duration = len(r.trajectory), r.trajectory.duration
-        read_as = topic, list(joint_names), r.taken_as
-        sources.append(Source(str(r.window), role, samples, duration, r.sha256, r.closed, *read_as))
+    sources = tuple(
+        Source(str(r.window), role, len(r.trajectory), r.trajectory.duration, r.sha256, r.closed, *read_as, r.taken_as)
+        for role, r in pairs
+    )
     trained, validated = (tuple(r.trajectory for r in part) for part in (training, validation))
-    return Datasets(trained, validated, tuple(sources), tuple(dict.fromkeys(notes)))
+    return Datasets(trained, validated, sources, tuple(dict.fromkeys(notes)))
 
 
 def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:

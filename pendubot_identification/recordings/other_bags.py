@@ -17,23 +17,22 @@ from .joint_states import JOINT_STATE
 _folders: list[TemporaryDirectory[str]] = []
 
 
-def is_other(path: Path) -> bool:
-    """Return whether a path is a bag of ROS 1, or a bag or file of ROS 2 with storage sqlite3."""
-    try:
-        if path.is_dir():
-            return any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
-        return path.is_file() and path.suffix in ('.bag', '.db3')
-    except OSError:  # it cannot be read, which the reader says
-        return False
-
-
 @cache
 def as_mcap(path: Path) -> Path:
-    """Return a folder with the JointStates of such a bag in MCAP, which lasts as long as the program.
+    """Return a folder with the JointStates of such a bag in MCAP, which lasts as long as the program; or another path.
 
     Raises:
         BagError: the bag cannot be read, or holds none.
     """
+    try:
+        if path.is_dir():
+            other = any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
+        else:
+            other = path.suffix in ('.bag', '.db3') and path.is_file()
+    except OSError:  # it cannot be read, which the reader says
+        other = False
+    if not other:
+        return path
     from rosbags.convert import ConverterError, convert
     from rosbags.highlevel import AnyReaderError
     from rosbags.typesys import Stores, get_typestore

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -61,10 +62,10 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
                 numbers.append(own.heads['sequence'])
                 if channel.schema_id in with_header and own.heads['length'].min() >= FIELDS + STAMP.itemsize:
                     stamps.append(stamps_ns(own.contents(STAMP)))
-    found = []
-    for name, (type_name, _) in bag.topics.items():
-        found.append({'name': name, 'type': type_name} | _in_numbers(*map(np.concatenate, columns[name])))
-    return found
+    return [
+        {'name': name, 'type': type_name} | _in_numbers(*map(np.concatenate, columns[name]))
+        for name, (type_name, _) in bag.topics.items()
+    ]
 
 
 def _in_numbers(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> dict[str, Any]:
@@ -96,22 +97,21 @@ def regularity(times_ns: NDArray[np.int64]) -> dict[str, Any]:
     """
     steps = np.diff(times_ns)
     # A time that runs back does not shorten the next gap.
-    ahead = np.maximum.accumulate(times_ns)
-    ahead = ahead[np.diff(ahead, prepend=ahead[:1] - 1) > 0]
+    ahead = np.unique(np.maximum.accumulate(times_ns))
     intervals = np.diff(ahead)
-    found: dict[str, Any] = {'period': None, 'jitter': None, 'longest': float(intervals.max(initial=0)) / 1e9}
-    found |= {'gaps': 0, 'missing': 0, 'first_gap': None}
-    if len(intervals) >= SETTINGS.minimum_intervals:
-        period = float(np.median(intervals))
-        late = np.flatnonzero(intervals > SETTINGS.gap * period)
-        found |= {
-            'period': period / 1e9,
-            'jitter': float(np.quantile(np.abs(intervals - period), 0.99)) / 1e9,
-            'gaps': len(late),
-            'missing': int(np.rint(intervals[late] / period - 1).sum()),
-            'first_gap': float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else None,
-        }
-    return found | {'repeated': int((steps == 0).sum()), 'backwards': int((steps < 0).sum())}
+    known = len(intervals) >= SETTINGS.minimum_intervals
+    period = float(np.median(intervals)) if known else math.nan
+    late = np.flatnonzero(intervals > SETTINGS.gap * period)
+    return {
+        'period': period / 1e9 if known else None,
+        'jitter': float(np.quantile(np.abs(intervals - period), 0.99)) / 1e9 if known else None,
+        'longest': float(intervals.max(initial=0)) / 1e9,
+        'gaps': len(late),
+        'missing': int(np.rint(intervals[late] / period - 1).sum()),
+        'first_gap': float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else None,
+        'repeated': int((steps == 0).sum()),
+        'backwards': int((steps < 0).sum()),
+    }
 
 
 def missing_numbers(numbers: NDArray[np.int64], before: int = 0) -> int:
@@ -167,11 +167,8 @@ def guesses(motion: Trajectory) -> Iterator[str]:
     if not torque.any():
         yield 'the torque is zero throughout: is it another column? --columns tau1=NAME'
     rotation = np.ptp(motion.q[: SETTINGS.resting], axis=0).max()
-    if (
-        torque[0] <= SETTINGS.little * torque.max()
-        and rotation < SETTINGS.little
-        and abs(motion.q[0, 0]) < SETTINGS.little
-    ):
+    unloaded = torque[0] <= SETTINGS.little * torque.max()
+    if unloaded and max(rotation, abs(motion.q[0, 0])) < SETTINGS.little:
         yield 'at rest without torque link 1 hangs, and q1 is 0 there: --zero hanging?'
 
 

@@ -26,10 +26,7 @@ from pendubot_identification.trajectories.conversion import Conversion
 
 from .columns import is_unit
 
-#: Every version of MATLAB can do this.
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
-
-
 #: The largest content that is unpacked from a compressed file [bytes]: a tenth of it holds every recording.
 LARGEST = 1 << 29
 
@@ -104,18 +101,14 @@ def _text(path: Path, conversion: Conversion) -> Table:
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
     if any(line.startswith('# name: ') for line in lines[:10]):
         return _octave(lines)
-    # Excel may write the separator in a line of its own, and numpy a # before the names.
-    first = conversion.skip_rows
-    separator = re.fullmatch(r'"?sep=(.)"?', lines[first], re.IGNORECASE) if len(lines) > first else None
-    first += bool(separator)
-    title = lines[first].lstrip('# ') if len(lines) > first else ''
+    above = conversion.skip_rows
+    title = lines[above].lstrip('# ') if len(lines) > above else ''  # numpy writes a # before the names
     likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
-    delimiter = separator[1] if separator else max(likely, key=title.count)
-    reader = csv.reader([title, *lines[first + 1 :]], delimiter=delimiter, skipinitialspace=True)
+    delimiter = max(likely, key=title.count)
+    reader = csv.reader([title, *lines[above + 1 :]], delimiter=delimiter, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
     if all(map(_is_number, names)) and len(names) > 1:
-        first -= 1
-        reader = csv.reader(lines[first + 1 :], delimiter=delimiter, skipinitialspace=True)
+        reader = csv.reader(lines[above:], delimiter=delimiter, skipinitialspace=True)
         names = [str(k + 1) for k in range(len(names))]
     numbers, rows = list[int](), list[list[str]]()
     for row in reader:
@@ -124,14 +117,11 @@ def _text(path: Path, conversion: Conversion) -> Table:
             row.pop()
         if not any(map(str.strip, row)):
             continue
-        numbers.append(first + reader.line_num)
+        numbers.append(above + reader.line_num)
         rows.append(row)
         if len(row) != len(names):
-            if len(rows) == 1 and not conversion.skip_rows and (above := _lines_above(lines)):
-                raise TableError(
-                    f'{path} has its column names in line {above + 1}, line 1 is expected: add --skip-rows {above}',
-                    skip_rows=str(above),
-                )
+            if len(rows) == 1 and not above and (above := _lines_above(lines)):
+                raise _names_below(path, 'line', above)
             comma = delimiter == ',' and len(row) > len(names)
             why = 'decimals may be written with commas: write them with points, or ' if comma else ''
             raise TableError(
@@ -141,6 +131,13 @@ def _text(path: Path, conversion: Conversion) -> Table:
     units = _units(rows[0]) if rows else ()
     rows, numbers = (rows[1:], numbers[1:]) if units else (rows, numbers)
     return Table(names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers, units)
+
+
+def _names_below(path: Path, row: str, above: int) -> TableError:
+    return TableError(
+        f'{path} has its column names in {row} {above + 1}, {row} 1 is expected: add --skip-rows {above}',
+        skip_rows=str(above),
+    )
 
 
 def _refuse_large(path: Path, size: int) -> None:
@@ -215,11 +212,7 @@ def _excel(path: Path, conversion: Conversion) -> Table:
         return Table([], [])
     filled = frame.head(100).notna().sum(axis=1)
     if filled.iloc[0] < len(REQUIRED) <= filled.max() and not conversion.skip_rows:
-        above = int(filled.index[filled >= len(REQUIRED)][0])
-        raise TableError(
-            f'{path} has its column names in row {above + 1}, row 1 is expected: add --skip-rows {above}',
-            skip_rows=str(above),
-        )
+        raise _names_below(path, 'row', int(filled.index[filled >= len(REQUIRED)][0]))
     names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
     units = _units(list(rows.iloc[0])) if len(rows) else ()
     rows = rows.iloc[1:] if units else rows

@@ -49,17 +49,11 @@ def test_a_path_may_hold_an_at_sign(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('text', 'sentence'),
-    [
-        *((text, 'names no window') for text in ('bag@', 'bag@5', '@1:2', 'bag@1:2:3')),
-        ('bag@one:2', 'must be numbers of seconds'),
-        *((text, 'empty or reversed') for text in ('bag@3:3', 'bag@4:3')),
-        *((text, 'is no time in a bag') for text in ('bag@-1:3', 'bag@nan:3')),
-    ],
+    'window', ['', '5', '1:2:3', 'one:2', '3:3', '4:3', '-1:3', ':-1', 'nan:3', '1:nan', 'inf:', ':inf']
 )
-def test_a_malformed_window_is_one_sentence(text, sentence):
-    with pytest.raises(BagError, match=sentence):
-        BagWindow.parse(text)
+def test_a_malformed_window_is_one_sentence(window):
+    with pytest.raises(BagError, match=f'bag@{window}.* names no window'):
+        BagWindow.parse(f'bag@{window}')
 
 
 def test_a_bag_is_counted_by_topic_and_it_and_its_file_are_the_same_motion(bag):
@@ -200,10 +194,10 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
     assert BagReader(tmp_path / 'empty').closed
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write(bag.add_topic('/effort', 'std_msgs/msg/Float64'), FLOAT + bytes(8), START)
+    others = r'; its topics are /effort \[std_msgs/msg/Float64\]'
     for name, topic, sentence in (
         ('empty', TOPIC, 'holds no message'),
-        ('bag', TOPIC, r'nothing on /joint_states; its topics are /effort \[std_msgs/msg/Float64\]'),
-        ('bag', '/effort', '/effort is of type std_msgs/msg/Float64; name a topic of type sensor_msgs'),
+        *(('bag', each, f'holds no sensor_msgs/msg/JointState on {each}{others}') for each in (TOPIC, '/effort')),
     ):
         with pytest.raises(BagError, match=sentence):
             read_trajectory(tmp_path / name, topic=topic)
