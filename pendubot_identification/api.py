@@ -34,7 +34,7 @@ from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
 from .recordings.datasets import Datasets, divided, load_datasets, require_files
-from .recordings.inspection import Inspection, inspect_recording
+from .recordings.survey import Inspection, inspect_recording
 from .recordings.table_reader import TableReader
 from .recordings.tables import Table
 from .results import comparison

@@ -11,8 +11,9 @@ import os
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state, stamp_of
 from .mcap_file import FOREVER_NS, McapFile, Messages
-from .other_bags import as_mcap
 from .table_reader import TableReader
 from .tables import is_table
 
@@ -45,6 +45,8 @@ class ReadSettings:
 
 
 SETTINGS = ReadSettings()
+#: Converted bags of ROS 1 and sqlite3, which are deleted when the program ends.
+_folders: list[TemporaryDirectory[str]] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +130,7 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self.files, self.unread = _opened(self.path)
+        self.files, self.unread = _opened(_as_mcap(self.path))
         topics: dict[str, tuple[str, int]] = {}
         for file in self.files:
             for name, (type_name, count) in file.topics.items():
@@ -326,9 +328,37 @@ def _require(reader: BagReader, topic: str) -> None:
         )
 
 
+@cache
+def _as_mcap(path: Path) -> Path:
+    """Return a folder with the JointStates of a bag of ROS 1 or storage sqlite3 in MCAP; of another bag, its path."""
+    try:
+        if path.is_dir():
+            other = any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
+        else:
+            other = path.suffix in ('.bag', '.db3') and path.is_file()
+    except OSError:  # it cannot be read, which the reader says
+        other = False
+    if not other:
+        return path
+    from rosbags.convert import ConverterError, convert
+    from rosbags.highlevel import AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    source = path.parent if path.suffix == '.db3' and (path.parent / 'metadata.yaml').exists() else path
+    _folders.append(TemporaryDirectory(prefix='pendubot-'))
+    target, jazzy = Path(_folders[-1].name, 'bag'), get_typestore(Stores.ROS2_JAZZY)
+    try:
+        convert([source], target, 'mcap', 9, None, 'none', jazzy, jazzy, [], [], [], [JOINT_STATE])
+    except (ConverterError, AnyReaderError, OSError, ValueError) as error:
+        raise BagError(
+            f'{path} is no bag with messages of type {JOINT_STATE} that can be read ({error}); look at it with '
+            'rosbag info or ros2 bag info'
+        ) from error
+    return target
+
+
 def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
     """Return the readable files of a bag in order, and errors by file for others; BagError if none is readable."""
-    path = as_mcap(path)
     if os.path.isfile(path):
         return [McapFile(path)], {}
     try:

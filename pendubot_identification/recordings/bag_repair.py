@@ -14,9 +14,8 @@ import numpy as np
 
 from pendubot_identification.errors import BagError
 
-from .bag_metadata import METADATA, read_information
 from .bag_reader import BagReader
-from .bag_writer import BagWriter, complete_bag
+from .bag_writer import METADATA, BagWriter, complete_bag, read_information
 from .mcap_file import Damage, McapFile
 from .survey import missing_numbers
 

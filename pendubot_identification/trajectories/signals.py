@@ -78,9 +78,9 @@ def evenly_stamped(trajectory: Trajectory) -> Trajectory:
     A board samples by its timer; the stamp may be given later, when the sample arrives. Stamps that also drift, as
     where samples are missing, cannot be corrected and stay.
     """
-    t, number = trajectory.t, np.arange(len(trajectory), dtype=float)
     if not has_timestamp_jitter(trajectory):
         return trajectory
+    t, number = trajectory.t, np.arange(len(trajectory))
     slope, start = np.polyfit(number, t, 1)
     even = start + slope * number
     late = np.convolve(t - even, np.full(100, 0.01), mode='valid')
@@ -125,9 +125,8 @@ def held(t: Array, at: Array) -> NDArray[np.intp]:
 def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Array]:
     """Return positions and velocities from uniformly sampled positions, without phase shift.
 
-    ``interval`` [s] is of the samples, ``window`` [s] of the Savitzky-Golay filter. With fewer than 5 samples in the
-    window, the positions stay unchanged and the velocities are central differences. All arrays have shape (N, 2)
-    [rad, rad/s].
+    ``interval`` [s] is of the samples, ``window`` [s] of the Savitzky-Golay filter. If it holds fewer than 5 samples,
+    positions stay and velocities are central differences. All arrays have shape (N, 2) [rad, rad/s].
 
     Raises:
         TrajectoryError: fewer samples than the window holds.
@@ -141,8 +140,8 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
             f'{len(q)} samples, {interval * len(q):g} s, are fewer than the smoothing window of {window:g} s holds; '
             'choose a shorter one'
         )
-    rates = savgol_filter(q, length, SETTINGS.degree, deriv=1, delta=interval, axis=0)
-    return savgol_filter(q, length, SETTINGS.degree, axis=0), rates
+    smooth, rates = (savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
+    return smooth, rates
 
 
 def encoder_step(q: Array) -> Array:

@@ -16,9 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings import bag_writer
-from pendubot_identification.recordings.bag_metadata import RELIABLE, offered_profiles
 from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
-from pendubot_identification.recordings.bag_writer import BagWriter, complete_bag
+from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter, complete_bag, offered_profiles
 from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
 from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.trajectory import Trajectory
