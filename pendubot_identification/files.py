@@ -129,25 +129,17 @@ class OutputFolder:
             for folder in self._made:
                 folder.rmdir()
 
-    def write(self, name: str, content: str | bytes) -> Path:
-        """Write a file, in a folder of its own where its name has one, and return where it is.
+    def write(self, files: Mapping[str, str | bytes]) -> None:
+        """Write files by their names, which may have a folder in front, all of them or none.
 
         Raises:
             ResultError: the system refuses.
         """
-        path = self.path / name
-        with _writing(path):
-            path.parent.mkdir(exist_ok=True)
-        _write_together({path: content})
-        return Path(os.path.abspath(path))
-
-    def write_together(self, files: Mapping[str, str | bytes]) -> None:
-        """Write files by their names, all of them or none.
-
-        Raises:
-            ResultError: the system refuses.
-        """
-        _write_together({self.path / name: content for name, content in files.items()})
+        targets = {self.path / name: content for name, content in files.items()}
+        for path in targets:
+            with _writing(path):
+                path.parent.mkdir(exist_ok=True)
+        _write_together(targets)
 
 
 def _write_together(files: Mapping[Path, str | bytes]) -> None:
@@ -158,8 +150,6 @@ def _write_together(files: Mapping[Path, str | bytes]) -> None:
             # A file's name may be no text; as part of one, it is then escaped.
             data = content.encode(errors='backslashreplace') if isinstance(content, str) else content
             with _writing(path):
-                if path.is_dir():
-                    raise ResultError(f'{path} is a folder, where a file is to be written; choose another name')
                 beside[path].write_bytes(data)
         for path, partial in beside.items():
             with _writing(path):

@@ -36,18 +36,12 @@ def export(
 ) -> tuple[str, list[str]]:
     """Return the text of a file, and in sentences what its user must know of it, which also stand in it.
 
-    Args:
-        result: of an identification, or parameters by hand.
-        format: one of :data:`FORMATS`.
-        link_length: for simulators, of link 1 [m], see :func:`.masses.rig_of`.
-        torque_limit: for simulators, of the motor [N m].
-        revolute: for URDF, see :func:`.robots.urdf`.
+    ``format`` is one of :data:`FORMATS`. For simulators, ``link_length`` [m] is of link 1, see :func:`.masses.rig_of`,
+    and ``torque_limit`` [N m] of the motor; ``revolute`` is of :func:`.robots.urdf`.
 
     Raises:
-        ParameterError: there is no such format, or no real masses give these parameters, or a limit that is none.
+        ParameterError: no real masses give these parameters, or the limit is no number above 0.
     """
-    if format not in FORMATS:
-        raise ParameterError(f'there is no format {format!r}; one of {", ".join(FORMATS)} is expected')
     require_limit(torque_limit)
     parameters = _vector(result)
     if format in ROBOTS:
@@ -76,11 +70,7 @@ def format_of(path: Path) -> str:
 
 
 def require_limit(torque: float | None) -> None:
-    """Refuse a torque limit [N m] that is none.
-
-    Raises:
-        ParameterError: it is no number above 0.
-    """
+    """Raise ParameterError for a torque limit [N m] that is no number above 0."""
     if torque is not None and not 0 < torque < float('inf'):
         raise ParameterError(f'the torque limit is {torque:g} N m; a number above 0 is expected')
 
@@ -113,10 +103,10 @@ def _beside(result: PartialResult) -> list[str]:
 
 def _yaml(parameters: dict[str, Parameter], comments: list[str]) -> str:
     """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
-    comments = [*comments, *(f'{name}: {_described(name, entry)}' for name, entry in parameters.items())]
+    described = (f'{name}: {_described(name, entry)}' for name, entry in parameters.items())
     values = {name: entry.value for name, entry in parameters.items()}
     content = yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
-    return ''.join(f'# {line}\n' for line in comments) + content
+    return ''.join(f'# {line}\n' for line in (*comments, *described)) + content
 
 
 def _vector(result: PartialResult) -> dict[str, Parameter]:
@@ -128,6 +118,4 @@ def _vector(result: PartialResult) -> dict[str, Parameter]:
 
 def _described(name: str, entry: Parameter) -> str:
     """Return unit, meaning, and how certain."""
-    unit, meaning = MEANINGS[name]
-    error = entry.std_error
-    return f'{unit}; {meaning}' + ('' if error is None else f'; standard error {error:.2g}')
+    return '; '.join(MEANINGS[name]) + ('' if entry.std_error is None else f'; standard error {entry.std_error:.2g}')
