@@ -22,7 +22,6 @@ from pendubot_identification.recordings import mcap_file
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
-from pendubot_identification.trajectories.conversion import Conversion
 
 from .bags import FLOAT, START, STEP, TOPIC, foreign, message, samples, write
 from .damage import flip
@@ -218,25 +217,6 @@ def test_unusable_samples_are_one_sentence(tmp_path, changed, error, sentence):
     path = write(tmp_path / 'bag', samples(100, **changed))
     with pytest.raises(error, match=sentence):
         read_trajectory(path)
-
-
-def test_a_bag_is_converted_and_missing_samples_are_left_out(tmp_path):
-    positions = {'position': lambda k: (np.nan if k % 10 == 7 else np.sin(k), 90 + k % 7)}
-    path = write(tmp_path / 'bag', samples(100, **positions))
-    conversion = Conversion.of({'skip_missing': True, 'negate': 'q1,tau1', 'degrees': True, 'torque_unit': 'mNm'})
-    motion = read_trajectory(path, conversion=conversion).trajectory
-    k = np.flatnonzero(np.arange(100) % 10 != 7)
-    np.testing.assert_allclose(motion.q, np.radians(np.column_stack([-np.sin(k), 90 + k % 7])), atol=1e-12)
-    np.testing.assert_allclose(motion.tau[:, 0], -k / 1000)
-
-
-@pytest.mark.parametrize(
-    ('start', 'end', 'sentence'),
-    [(20, 30, r'holds no sample; the recording lasts 9\.990 s'), (1, 1.3, '30 samples .* too few')],
-)
-def test_an_unusable_window_is_one_sentence(bag, start, end, sentence):
-    with pytest.raises(TrajectoryError, match=sentence):
-        read_trajectory(BagWindow(bag, start, end))
 
 
 @pytest.mark.parametrize('closed', ['.', 'bag'])

@@ -127,28 +127,6 @@ def test_a_bag_is_overwritten_only_on_request_and_by_a_complete_one(tmp_path):
     assert by_mcap(path) == by_rosbags(path)
 
 
-def test_the_first_of_two_writers_of_one_bag_is_kept(tmp_path, monkeypatch):
-    path = tmp_path / 'bag'
-
-    def both():
-        with complete_bag(path) as slow:
-            monkeypatch.setattr(os, 'getpid', lambda: 1)
-            with complete_bag(path) as quick:
-                write(path, 20, quick)
-            write(path, 10, slow)
-
-    with pytest.raises(BagError, match='is not written: Directory not empty'):
-        both()
-    assert os.listdir(tmp_path) == ['bag']
-    assert BagReader(path).count == 20
-
-
-def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
-    (tmp_path / 'file').write_text('')
-    with pytest.raises(BagError, match=r'cannot be written \(Not a directory\)'):
-        BagWriter(tmp_path / 'file' / 'bag')
-
-
 @pytest.mark.parametrize('jump', [0, 3600], ids=['', 'a clock that is set back'])
 def test_a_killed_writer_loses_at_most_a_tenth_of_a_second(tmp_path, jump):
     with BagWriter(tmp_path / 'bag') as bag:

@@ -72,25 +72,15 @@ def test_parameters_without_an_elbow_motor_are_named(tmp_path):
 
 
 def test_every_number_has_its_uncertainty():
-    result, data = identified(model='auto'), plain(model='auto')
-    best = result.best
-    for k, (name, entry) in enumerate(data['parameters'].items()):
-        assert entry['value'] == best.theta[k], name
-        assert entry['std_error'] == best.std_error[k]
+    best, data = identified(model='auto').best, plain(model='auto')
+    for k, entry in enumerate(data['parameters'].values()):
+        assert (entry['value'], entry['std_error']) == (best.theta[k], best.std_error[k])
         assert entry['interval'] == tuple(best.intervals[k])
-        assert entry['determined'] == best.determined[k]
-        assert entry['degrees_of_freedom'] == (best.freedom[k] if np.isfinite(best.freedom[k]) else None)
         assert not entry['on_bound']
-    assert data['unmodelled'] is None, 'nothing but quantization is left'
     assert data['effort']['linear_lag'] == pytest.approx(data['effort']['delay'] + 0.005, rel=1e-3)
-    for estimate, entry in zip(result.estimates, data['criteria'].values(), strict=True):
-        assert entry['level'] == estimate.level.name
-        assert entry['J']['training'] == estimate.J
-        np.testing.assert_allclose(entry['prediction']['error'], estimate.prediction.error)
-        np.testing.assert_allclose(entry['prediction']['fit']['dq2'], estimate.prediction.fit[:, 3])
+    np.testing.assert_allclose(data['prediction']['fit']['dq2'], best.prediction.fit[:, 3])
     assert data['prediction']['method'] == 'on data that was not used for estimation'
     assert data['criteria'][data['criterion']]['J'] == data['J']
-    assert data['criterion'] == best.criterion != 'energy'
     assert list(data['criteria']) == list(CRITERIA)
 
 
@@ -119,9 +109,6 @@ def test_a_result_names_its_settings():
     how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
     assert data['criteria']['energy']['mde'] == how
     assert len(data['J']['training_runs']) == data['J']['runs_at_least_squares'] == 10
-    made_by = data['made_by']
-    assert (made_by['optimizer'], made_by['seed'], made_by['criteria']) == ('mde', 1, ['energy'])
-    assert made_by['delays'] == [-0.1, 0.1]
     assert data['bags'] == [asdict(SOURCE)]
 
 
@@ -167,18 +154,12 @@ def test_handwritten_numbers_are_read(tmp_path):
         (0.1, 'parameters.b2 is 0.1; .*dict'),
         ({'value': 1.0, 'interval': 0.1}, 'parameters.b2.interval is 0.1; .*tuple'),
         ({'value': 1.0, 'interval': [1, 'b']}, "parameters.b2.interval.1 is 'b'; a number is expected"),
-        ({'value': 1.0, 'unit': [3]}, r'parameters.b2.unit is \[3\]; .*str'),
         (None, 'has no parameter vector: check b2; one number each is expected for P1, P2'),
     ],
 )
 def test_invalid_numbers_are_one_sentence(by_hand, entry, sentence):
     with pytest.raises(ResultError, match=f'r.yaml:? {sentence}'):
         read_result(by_hand(b2=entry))
-
-
-def test_an_unknown_parameter_is_one_sentence(by_hand):
-    with pytest.raises(ResultError, match='check P6; one number each is expected for P1, P2'):
-        read_result(by_hand(P6={'value': 1.0}))
 
 
 @pytest.mark.parametrize('text', ['', '[]', 'parameters: {P1: {value: 1}}', 'schema: 2', '{'])

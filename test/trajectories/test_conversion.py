@@ -40,7 +40,7 @@ def test_the_options_of_a_conversion_give_the_same_conversion(conversion):
         np.testing.assert_allclose(getattr(again, name), getattr(motion(conversion), name), rtol=1e-6, atol=1e-8)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(READINGS, READINGS)
 def test_a_conversion_is_corrected_into_another_by_options(one, other):
     """Changes between any two conversions with the same torque constant are found."""
