@@ -83,11 +83,7 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
 
 
 def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Write a file completely or not at all; ``force`` is the option to overwrite.
-
-    Raises:
-        ResultError: the file exists already, or the system refuses to write it.
-    """
+    """Write a file completely or not at all; ``force`` is the option to overwrite. May raise ResultError."""
     if not overwrite:
         _refuse_existing(path, force)
     _write_together({path: content})
@@ -130,11 +126,7 @@ class OutputFolder:
                 folder.rmdir()
 
     def write(self, files: Mapping[str, str | bytes]) -> None:
-        """Write files by their names, which may have a folder in front, all of them or none.
-
-        Raises:
-            ResultError: the system refuses.
-        """
+        """Write files by their names, which may have a folder in front, all of them or none. May raise ResultError."""
         targets = {self.path / name: content for name, content in files.items()}
         for path in targets:
             with _writing(path):

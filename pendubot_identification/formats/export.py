@@ -59,11 +59,7 @@ def export(
 
 
 def format_of(path: Path) -> str:
-    """Return the format that the suffix of a file names.
-
-    Raises:
-        ParameterError: it names none.
-    """
+    """Return the format that the suffix of a file names. Raises ParameterError: it names none."""
     if path.suffix not in SUFFIXES:
         raise ParameterError(f'{path} has no suffix that names a format; {", ".join(SUFFIXES)} are expected')
     return SUFFIXES[path.suffix]

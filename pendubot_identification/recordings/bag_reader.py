@@ -214,11 +214,7 @@ Reader = BagReader | TableReader
 
 
 def open_recording(path: Path, conversion: Conversion) -> Reader:
-    """Return the reader of a bag or of a file with columns.
-
-    Raises:
-        BagError: there is no such bag, or it cannot be read.
-    """
+    """Return the reader of a bag or of a file with columns. May raise BagError."""
     return TableReader(path, conversion) if is_table(path) else BagReader(path)
 
 

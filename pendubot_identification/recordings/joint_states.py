@@ -45,11 +45,7 @@ def encode_joint_state(
 
 
 def decode_joint_state(data: bytes) -> Any:
-    """Return a JointState in CDR as rosbags' message.
-
-    Raises:
-        BagError: the bytes are no JointState.
-    """
+    """Return a JointState in CDR as rosbags' message. Raises BagError: the bytes are no JointState."""
     try:
         return typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:

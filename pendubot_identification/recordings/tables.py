@@ -42,11 +42,7 @@ class Table(NamedTuple):
 
 
 def read_table(path: Path, conversion: Conversion) -> Table:
-    """Read a file with columns; the ending of its name gives its format.
-
-    Raises:
-        TableError: it cannot be read, or holds no columns.
-    """
+    """Read a file with columns; the ending of its name gives its format. May raise TableError."""
     read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):

@@ -79,11 +79,7 @@ class Request:
     apply_remedies: bool
 
     def identify(self, progress: Progress) -> Result:
-        """Return the result.
-
-        Raises:
-            PendubotError: see :func:`identify_recordings`.
-        """
+        """Return the result. Raises PendubotError: see :func:`identify_recordings`."""
 
         def load(conversion: Conversion) -> Datasets:
             joints = self.joint_names
@@ -111,11 +107,7 @@ class Computation:
             self._process.kill()
 
     def run(self, request: Request, progress: Progress) -> Result:
-        """Identify.
-
-        Raises:
-            PendubotError: the identification failed or was stopped.
-        """
+        """Identify. Raises PendubotError: the identification failed or was stopped."""
         context = get_context('spawn')
         answers, end = context.Pipe(duplex=False)
         process = context.Process(target=_answer, args=(request, end, '--debug' in sys.argv), daemon=True)

@@ -42,11 +42,7 @@ def read_result(path: Path) -> PartialResult:
 
 
 def read_complete_result(path: Path) -> Result:
-    """Return the result of a file that an identification wrote.
-
-    Raises:
-        ResultError: there is no such file, it has another schema, or an entry is wrong or missing.
-    """
+    """Return the result of a file that an identification wrote. May raise ResultError."""
     return structured(Result, _read(path), path)
 
 
@@ -63,11 +59,7 @@ def read_estimate(path: Path) -> tuple[Parameters, NDArray[np.float64] | None]:
 
 
 def structured(kind: type[T], data: Any, file: object) -> T:
-    """Return the content of a file as a result; unknown entries are ignored.
-
-    Raises:
-        ResultError: an entry is missing, or is not what is expected.
-    """
+    """Return the content of a file as a result; unknown entries are ignored. May raise ResultError."""
     import pydantic
 
     try:

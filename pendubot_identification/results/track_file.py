@@ -134,11 +134,7 @@ def track_recordings(
 
 
 def tracked_result(tracker: Tracker, track: Track, bags: Sequence[str]) -> TrackedResult:
-    """Return the newest state as a result, with the events and the history of the parameters.
-
-    Raises:
-        ResultError: there is no state yet.
-    """
+    """Return the newest state as a result, with the events and the history of the parameters. May raise ResultError."""
     state = tracker.state
     if state is None or tracker.segment_settings is None:
         raise ResultError(f'there are no parameters to be written: {tracker.reason}')

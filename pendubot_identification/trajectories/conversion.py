@@ -178,11 +178,7 @@ class Conversion:
         return Affine(Q, c - off[:2], T * TORQUE_UNITS[self.torque_unit], -off[2:])
 
     def motion(self, t: Array, q: Array, tau: Array, qd: Array | None, name: str) -> Trajectory:
-        """Return the motion of samples, t in seconds.
-
-        Raises:
-            TrajectoryError: values that are not finite, stamps that repeat or run backwards.
-        """
+        """Return the motion of samples, t in seconds. May raise TrajectoryError."""
         if self.skip_missing:
             values = np.column_stack([t, q, tau] if qd is None else [t, q, tau, qd])
             complete = np.isfinite(values).all(axis=1)

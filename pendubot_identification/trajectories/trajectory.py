@@ -91,11 +91,7 @@ class Trajectory:
         return replace(self, t=self.t[index], q=self.q[index], tau=self.tau[index], qd=qd)
 
     def require_samples(self, minimum: int = MINIMUM_SAMPLES) -> Trajectory:
-        """Return this trajectory if it holds at least ``minimum`` samples.
-
-        Raises:
-            TrajectoryError: it is too short.
-        """
+        """Return this trajectory if it holds at least ``minimum`` samples. Raises TrajectoryError: it is too short."""
         if len(self) < minimum:
             raise TrajectoryError(
                 f'{self.name}: {len(self)} samples over {self.duration:.3f} s are too few; at least {minimum} are '
