@@ -113,9 +113,7 @@ class OutputFolder:
                 self.__exit__()
                 raise
         if held and not overwrite:
-            raise ResultError(
-                f'{path} exists already and holds something, and was left as it is; choose another name or add --force'
-            )
+            raise ResultError(f'{path} exists already and is not empty; choose another name or add --force')
 
     def __enter__(self) -> OutputFolder:
         return self

@@ -49,10 +49,8 @@ def rig_of(parameters: Parameters, link_length: float | None = None) -> Rig:
         raise ParameterError(f'no rig moves like this: {problems[0]}; identify it again')
     if link_length is None:
         if not p.P3 * p.P5 > 0:
-            raise ParameterError(
-                f'P3 = {p.P3:.4g} and P5 = {p.P5:.4g} give link 1 no length P3 / P5 above 0; measure it from shoulder '
-                'to elbow and give it by --link-length'
-            )
+            given = f'P3 = {p.P3:.4g} and P5 = {p.P5:.4g}'
+            raise ParameterError(f'{given} give link 1 no length P3 / P5 above 0; measure it and add --link-length')
         l1 = p.P3 / p.P5
         chosen = f'link 1 is {l1:.6g} m long: P3 / P5'
     else:
@@ -69,10 +67,7 @@ def rig_of(parameters: Parameters, link_length: float | None = None) -> Rig:
     m2 = math.sqrt(low * high) or high / 2
     moment, inertia, second = p.P4 - m2 * l1, p.P1 - m2 * l1**2, p.P2 - p.P5**2 / m2
     if not min(inertia, second) > 0:
-        raise ParameterError(
-            f'no real masses give these parameters: P1 P2 = {p.P1 * p.P2:.17g} exceeds P3^2 by rounding alone; '
-            'identify the rig again'
-        )
+        raise ParameterError(f'P1 P2 = {p.P1 * p.P2:.17g} exceeds P3^2 by rounding alone; identify the rig again')
     least, more = moment**2 / inertia, 0.75 * inertia / l1**2
     m1 = least + more
     # Only a picture shows how long link 2 is; a uniform rod would be so long.

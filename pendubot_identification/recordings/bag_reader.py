@@ -76,8 +76,7 @@ class BagWindow:
             start, end = (float(bound) if bound.strip() else None for bound in window.split(':'))
         except ValueError:
             raise BagError(
-                f'{text!r} names no window of a bag; BAG@START:END in seconds is expected, such as bag@0:9, bag@9: or '
-                'bag@:9'
+                f'{text!r} names no window of a bag; BAG@START:END in seconds is expected, such as bag@0:9 or bag@9:'
             ) from None
         return cls(Path(path), start, end)
 
@@ -297,9 +296,7 @@ def _collect(
 def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -> None:
     """Raise TrajectoryError for an empty or too long window, with samples at t [s], of ``duration`` [s]."""
     if not len(t):
-        raise TrajectoryError(
-            f'{window}: the window holds no sample; the recording lasts {duration:.3f} s: choose a time within it'
-        )
+        raise TrajectoryError(f'{window} holds no sample; choose a time within the {duration:.3f} s of the recording')
     if not SETTINGS.exclude(len(t), min(float(t[-1] - t[0]), duration)):
         return
     start = window.start or 0.0
@@ -319,9 +316,7 @@ def _require(reader: BagReader, topic: str) -> None:
         raise BagError(f'{reader.path} holds no message; record again while something is published')
     if there.get(topic) != JOINT_STATE:
         named = ', '.join(f'{name} [{kind}]' for name, kind in there.items())
-        raise BagError(
-            f'{reader.path} holds no {JOINT_STATE} on {topic}; its topics are {named}: name one of that type'
-        )
+        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; name one of its topics: {named}')
 
 
 @cache
@@ -367,10 +362,7 @@ def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
     # Compression of a file may have been interrupted: prefer the original.
     found = {name.removesuffix('.zstd') for name in names if name.endswith(('.mcap', '.mcap.zstd'))}
     if not found:
-        raise BagError(
-            f'{path} is no bag that can be read here: it holds no .mcap file; give a bag recorded with storage mcap '
-            '(ros2 bag convert makes one of any other)'
-        )
+        raise BagError(f'{path} is no bag: it holds no .mcap, .db3 or .bag file; name the folder that holds one')
     files, unread = list[McapFile](), dict[Path, str]()
     # NAME_2.mcap comes before NAME_10.mcap.
     for name in sorted(found, key=lambda name: (len(name), name)):

@@ -111,10 +111,7 @@ class JointDecoder:
         if len(state.position) != n:
             raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
         if len(state.effort) != n:
-            raise BagError(
-                f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not '
-                'driven'
-            )
+            raise BagError(f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one')
         joints, efforts = (
             [state.name.index(name) for name in names] for names in (self._joint_names, self._effort_names)
         )

@@ -85,9 +85,7 @@ def _decoded(path: Path, encoding: str) -> str:
     try:
         return data.decode(encoding)
     except (UnicodeDecodeError, LookupError) as error:
-        raise TableError(
-            f'{path} is no text in {encoding}; export it as CSV in UTF-8, or name its encoding with --encoding NAME'
-        ) from error
+        raise TableError(f'{path} is no text in {encoding}; export it in UTF-8, or add --encoding NAME') from error
 
 
 def _text(path: Path, conversion: Conversion) -> Table:
@@ -138,10 +136,7 @@ def _names_below(path: Path, row: str, above: int) -> TableError:
 
 def _refuse_large(path: Path, size: int) -> None:
     if size > LARGEST:
-        raise TableError(
-            f'{path} unpacks to more than {LARGEST >> 20} MB, which no recording of a pendubot does; is it another '
-            'file? export the recording alone'
-        )
+        raise TableError(f'{path} unpacks to more than {LARGEST >> 20} MB; export the recording alone')
 
 
 def _refuse_large_zip(path: Path) -> None:

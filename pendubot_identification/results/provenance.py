@@ -48,22 +48,19 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
     conversion = Conversion.of(result.reading)
     for source in result.bags:
         if source.bag.endswith(IN_MEMORY):
-            raise MissingFileError(
-                'the recordings were in memory, and a result file does not hold them; identify again'
-            )
+            raise MissingFileError('the recordings were in memory, in no file; identify again')
         window = BagWindow.parse(source.bag)
         if folder is not None:
             window = replace(window, path=folder / window.path.name)
         if not window.path.exists():
             raise MissingFileError(
-                f'there is no bag {window.path}, from which this result was made; was it moved, or is this another '
-                'folder? --bags FOLDER names its present folder'
+                f'there is no bag {window.path}, from which this result was made; name its folder: --bags FOLDER'
             )
         recorded = read_trajectory(window, topic=source.topic, joint_names=source.joint_names, conversion=conversion)
         if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag from which this result was made: its SHA-256 begins with '
-                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names the folder of that one'
+                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; name the folder of that one: --bags FOLDER'
             )
         motion = recorded.trajectory
         # A bag without a window was halved into training and validation.

@@ -83,9 +83,7 @@ class Conversion:
             ('offset', self.offset, QUANTITIES),
         ):
             if unknown := [name for name in given if name not in known]:
-                raise ParameterError(
-                    f'--{option} does not know the quantity {unknown[0]!r}; {", ".join(known)} are expected'
-                )
+                raise ParameterError(f'--{option} does not know the quantity {unknown[0]!r}; use {", ".join(known)}')
         if self.gear != 1 and not self.torque_constant:
             raise ParameterError(
                 f'--gear {self.gear:g} multiplies a torque constant, and none is given; add --torque-constant K'
@@ -93,8 +91,7 @@ class Conversion:
         for name, column in self.columns.items():
             if other := next((other for other, its in self.names.items() if other != name and its == column), None):
                 raise ParameterError(
-                    f'column {column!r} stands for both {name} and {other}; name one column for each quantity, '
-                    f'such as {other}=NAME'
+                    f'column {column!r} stands for both {name} and {other}; name one column for each: {other}=NAME'
                 )
 
     @classmethod

@@ -55,10 +55,8 @@ def resample(trajectory: Trajectory) -> Trajectory:
     gaps = np.diff(t)
     widest = int(np.argmax(gaps))
     if step > LONGEST_GAP:
-        raise TrajectoryError(
-            f'{trajectory.name}: its samples are {step:g} s apart and at most {LONGEST_GAP:g} s is '
-            'expected; are its stamps in seconds? record at a higher rate'
-        )
+        apart = f'its samples are {step:g} s apart and at most {LONGEST_GAP:g} s is expected'
+        raise TrajectoryError(f'{trajectory.name}: {apart}; are its stamps in seconds? record at a higher rate')
     if gaps[widest] > max(LONGEST_GAP, 5 * step):
         raise TrajectoryError(
             f'{trajectory.name}: {gaps[widest]:.3f} s without a sample begin at {t[widest] - t[0]:.3f} s, where '
@@ -136,10 +134,7 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
     if length <= SETTINGS.degree + 1:
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
-        raise TrajectoryError(
-            f'{len(q)} samples, {interval * len(q):g} s, are fewer than the smoothing window of {window:g} s holds; '
-            'choose a shorter one'
-        )
+        raise TrajectoryError(f'{len(q)} samples are fewer than the window of {window:g} s holds; choose a shorter one')
     smooth, rates = (savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
     return smooth, rates
 

@@ -28,7 +28,7 @@ FAILURES = {
     'identify swing --joints a,b': "has no joint 'a'; its joints are shoulder, elbow",
     'identify swing --output file': 'exists already',
     'identify swing --start /nowhere.yaml': 'there is no file /nowhere.yaml',
-    'identify swing --report look': 'look exists already and holds something',
+    'identify swing --report look': 'look exists already and is not empty',
     'identify swing --output swing/metadata.yaml --force': 'is read, so it cannot be written as well',
     'identify swing --output result.yaml --start result.yaml --force': 'is read, so it cannot be written as well',
     'identify swing --report . --reference result.yaml --force': 'is read, so it cannot be written as well',

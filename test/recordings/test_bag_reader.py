@@ -174,7 +174,7 @@ def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
 @pytest.mark.parametrize(
     ('content', 'sentence'),
     [
-        (None, r'holds no \.mcap file'),
+        (None, r'holds no \.mcap, \.db3 or \.bag file'),
         (b'', 'is empty'),
         (b't,q1,q2\n1,2,3', 'is no MCAP file'),
     ],
@@ -193,7 +193,7 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
     assert BagReader(tmp_path / 'empty').closed
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write(bag.add_topic('/effort', 'std_msgs/msg/Float64'), FLOAT + bytes(8), START)
-    others = r'; its topics are /effort \[std_msgs/msg/Float64\]'
+    others = r'; name one of its topics: /effort \[std_msgs/msg/Float64\]'
     for name, topic, sentence in (
         ('empty', TOPIC, 'holds no message'),
         *(('bag', each, f'holds no sensor_msgs/msg/JointState on {each}{others}') for each in (TOPIC, '/effort')),

@@ -35,10 +35,10 @@ def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
     with pytest.warns(match='@0:50 ends at 50 s, but its last sample is at 11'):
         assert len(api.read(f'{path}@0:50')) == 1200
     for window, refused in (
-        ('13:50', r'the window holds no sample; the recording lasts 11\.99. s'),
+        ('13:50', r'holds no sample; choose a time within the 11\.99. s'),
         ('1:1.3', '30 samples .* too few'),
     ):
-        with pytest.raises(PendubotError, match=f'@{window}: {refused}'):
+        with pytest.raises(PendubotError, match=f'@{window}:? {refused}'):
             load_datasets([f'{path}@{window}'])
 
 

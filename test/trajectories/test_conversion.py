@@ -70,7 +70,7 @@ def test_the_torque_constant_scales_the_torque_of_the_shoulder_in_any_column(swa
 @pytest.mark.parametrize(
     ('given', 'sentence'),
     [
-        ({'negate': 'q3'}, "--negate does not know the quantity 'q3'; q1, q2, tau1, tau2"),
+        ({'negate': 'q3'}, "--negate does not know the quantity 'q3'; use q1, q2, tau1, tau2"),
         ({'offset': 'q1'}, "--offset 'q1' is not understood"),
         ({'offset': 'q1=x'}, '--offset q1=x is not understood; a number is expected'),
         ({'offset': 'tau1=5deg'}, '--offset tau1=5deg is not understood'),
