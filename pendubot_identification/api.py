@@ -317,10 +317,6 @@ def _load(
             'and tau are expected'
         )
     training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
-    if len(training) == 1 and not validation:
-        whole, half = training[0], len(training[0].trajectory) // 2
-        training = [replace(whole, trajectory=whole.trajectory[:half])]
-        validation = [replace(whole, trajectory=whole.trajectory[half:])]
     return divided(training, validation)
 
 

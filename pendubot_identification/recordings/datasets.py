@@ -67,11 +67,7 @@ def load_datasets(
     training = [read(window) for window in windows]
     validation = [read(BagWindow.parse(text)) for text in validate]
     unlimited = [window.start is None and window.end is None for window in windows]
-    if not validation and unlimited == [True]:
-        whole, half = training[0], len(training[0].trajectory) // 2
-        training = [replace(whole, trajectory=whole.trajectory[:half])]
-        validation = [replace(whole, trajectory=whole.trajectory[half:])]
-    elif not validation and not all(unlimited):
+    if not validation and not all(unlimited):
         validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
     return divided(training, validation, topic, joint_names)
 
@@ -82,7 +78,11 @@ def divided(
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
 ) -> Datasets:
-    """Return motions for training and for validation, with their sources and notes."""
+    """Return motions for training and validation, with sources and notes; a single one without a window is halved."""
+    if not validation and len(training) == 1 and training[0].window == BagWindow(training[0].window.path):
+        whole, half = training[0], len(training[0].trajectory) // 2
+        training = [replace(whole, trajectory=whole.trajectory[:half])]
+        validation = [replace(whole, trajectory=whole.trajectory[half:])]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes, read_as = [r.note for _, r in pairs if r.note], (topic, list(joint_names))
     for (role, first), (_, second) in combinations(pairs, 2):

@@ -10,12 +10,11 @@ import csv
 import gzip
 import re
 import shlex
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +53,10 @@ def read_table(path: Path, conversion: Conversion) -> Table:
         raise TableError(f'{path} cannot be read: {why}; check its name and permissions') from error
     except ImportError as error:
         raise TableError(f'reading {path} needs {packages}: pip install {packages}; or {WRITETABLE}') from error
+    except (TableError, MemoryError):
+        raise
+    except Exception as error:  # the libraries raise many types for damaged files
+        raise TableError(f'{path} is no {path.suffix} file that can be read ({error}); export it again') from error
     if not table.names:
         raise TableError(f'{path} holds no columns of numbers; export it again')
     return table
@@ -68,11 +71,8 @@ def _decoded(path: Path, encoding: str) -> str:
     """Return the text of a file; without an encoding, of UTF-8, UTF-16, or else of Windows-1252 (Latin-1)."""
     data = path.read_bytes()
     if path.suffix.lower() == '.gz':
-        try:
-            with gzip.open(path) as unpacked:
-                data = unpacked.read(LARGEST + 1)
-        except (OSError, EOFError, zlib.error) as error:
-            raise TableError(f'{path} is no complete gzip file ({error}); copy it again') from error
+        with gzip.open(path) as unpacked:
+            data = unpacked.read(LARGEST + 1)
         _refuse_large(path, len(data))
     if not encoding:
         utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -179,26 +179,22 @@ def _excel(path: Path, conversion: Conversion) -> Table:
     """Read a sheet: a row of column names, and rows."""
     import pandas
 
-    try:
-        _refuse_large_zip(path)
-        with pandas.ExcelFile(path, engine='openpyxl') as book:
-            sheets = book.sheet_names
-            sheet = conversion.sheet or sheets[0]
-            if sheet not in sheets:
-                raise TableError(f'{path} has no sheet {sheet}; its sheets are {", ".join(sheets)}: add --sheet NAME')
+    _refuse_large_zip(path)
+    with pandas.ExcelFile(path, engine='openpyxl') as book:
+        sheets = book.sheet_names
+        sheet = conversion.sheet or sheets[0]
+        if sheet not in sheets:
+            raise TableError(f'{path} has no sheet {sheet}; its sheets are {", ".join(sheets)}: add --sheet NAME')
 
-            def read(name: str) -> Any:
-                return pandas.read_excel(book, name, header=None, skiprows=conversion.skip_rows).dropna(how='all')
+        def read(name: str) -> Any:
+            return pandas.read_excel(book, name, header=None, skiprows=conversion.skip_rows).dropna(how='all')
 
-            frame = read(sheet)
-            if frame.shape[1] < len(REQUIRED) and not conversion.sheet:
-                other = next((name for name in sheets[1:] if read(name).shape[1] >= len(REQUIRED)), None)
-                if other is not None:
-                    raise TableError(
-                        f'the sheet {sheet} of {path} holds no recording: add --sheet {shlex.quote(other)}', sheet=other
-                    )
-    except (BadZipFile, ValueError, KeyError, TypeError) as error:
-        raise TableError(f'{path} is no Excel file ({error}); save it as .xlsx or .csv') from error
+        frame = read(sheet)
+        if frame.shape[1] < len(REQUIRED) and not conversion.sheet:
+            other = next((name for name in sheets[1:] if read(name).shape[1] >= len(REQUIRED)), None)
+            if other is not None:
+                found = f'the sheet {sheet} of {path} holds no recording'
+                raise TableError(f'{found}: add --sheet {shlex.quote(other)}', sheet=other)
     if frame.empty:
         return Table([], [])
     filled = frame.head(100).notna().sum(axis=1)
@@ -211,39 +207,30 @@ def _excel(path: Path, conversion: Conversion) -> Table:
 
 
 def _numpy(path: Path, _: Conversion) -> Table:
-    try:
-        _refuse_large_zip(path)
-        with np.load(path) as found:
-            return _of_variables(dict(found))
-    except (ValueError, BadZipFile, EOFError) as error:
-        raise TableError(f'{path} is no .npz file of numbers ({error}); save it again with numpy.savez') from error
+    _refuse_large_zip(path)
+    with np.load(path) as found:
+        return _of_variables(dict(found))
 
 
 def _parquet(path: Path, _: Conversion) -> Table:
     import pandas
-    import pyarrow
 
-    try:
-        frame = pandas.read_parquet(path, engine='pyarrow')
-    except pyarrow.ArrowException as error:
-        raise TableError(f'{path} is no Parquet file ({error}); export it again') from error
+    frame = pandas.read_parquet(path, engine='pyarrow')
     return Table(list(frame.columns), [frame.iloc[:, k] for k in range(frame.shape[1])])
 
 
 def _matlab(path: Path, _: Conversion) -> Table:
     """Read variables, or the fields of structs, of version 5 to 7.3."""
     from scipy.io import loadmat
-    from scipy.io.matlab import MatlabOpaque, MatReadError
+    from scipy.io.matlab import MatlabOpaque
 
     try:
         found = loadmat(path, simplify_cells=True)
-        variables = {name: value for name, value in found.items() if not name.startswith('__')}
-        if any(isinstance(value, MatlabOpaque) for value in variables.values()):
-            raise _opaque(path)
     except NotImplementedError:
-        variables = _matlab_73(path)
-    except (MatReadError, ValueError, TypeError, KeyError, EOFError, IndexError) as error:
-        raise TableError(f'{path} is no MATLAB file that can be read ({error}); save it again') from error
+        return _of_variables(_matlab_73(path))
+    variables = {name: value for name, value in found.items() if not name.startswith('__')}
+    if any(isinstance(value, MatlabOpaque) for value in variables.values()):
+        raise _opaque(path)
     return _of_variables(variables)
 
 
@@ -278,19 +265,19 @@ def _leaves(variables: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str,
     for name, value in variables.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, *at, name)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 1:
-            yield (*at, name), value
-        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 2:
-            # The longer dimension is time.
-            columns = value.T if len(value) >= len(value.T) else value
-            yield from (((*at, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
+        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu':
+            if value.ndim == 1:
+                yield (*at, name), value
+            if value.ndim == 2:
+                # The longer dimension is time.
+                columns = value.T if len(value) >= len(value.T) else value
+                yield from (((*at, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
 
 
 def _opaque(path: Path) -> TableError:
     return TableError(
-        f'{path} holds a table, timetable or other object, which MATLAB alone can read; in MATLAB, '
-        "writetable(timetable2table(T), 'run.csv') makes a text file of a timetable T, and writetable(T, 'run.csv') of "
-        'a table'
+        f'{path} holds a table or timetable T, which MATLAB alone can read; in MATLAB, '
+        "writetable(timetable2table(T), 'run.csv') makes a text file of it"
     )
 
 

@@ -67,18 +67,11 @@ def structured(kind: type[T], data: Any, file: object) -> T:
             return pydantic.TypeAdapter(kind).validate_python(data)
         return pydantic.parse_obj_as(kind, data)  # pydantic 1, of Ubuntu 24.04
     except pydantic.ValidationError as error:
-        problem = error.errors()[0]
-    path = [key for key in problem['loc'] if key != '__root__']
-    found, said = data, problem['msg'].removeprefix('Value error, ').replace('Input', 'input')
-    try:
-        for key in path:
-            found = found[key]
-        if not isinstance(found, dict):
-            said = f'is {found!r}; {said}'
-    except (LookupError, TypeError):
-        said = 'is missing'
-    entry = '.'.join(map(str, path)) or 'the result'
-    raise ResultError(f'{file}: {entry} {said}; {EXPECTED}, as it wrote it')
+        problem: dict[str, Any] = dict(error.errors()[0])
+    entry = '.'.join(str(key) for key in problem['loc'] if key != '__root__') or 'the result'
+    given = problem.get('input', {})  # pydantic 1 does not say
+    found = '' if isinstance(given, dict) else f' is {given!r}'
+    raise ResultError(f'{file}: {entry}{found}; {problem["msg"].removeprefix("Value error, ")}; {EXPECTED}, as it did')
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -154,9 +154,9 @@ def in_excel(path, *rows):
 UNUSABLE = {
     'nowhere.csv': (lambda path: None, 'there is no file'),
     'binary.csv': (lambda path: path.write_bytes(b'\x89MCAP0\r\n\xff'), 'no text in UTF-8'),
-    'text.mat': (lambda path: path.write_text('hello' * 99), 'is no MATLAB file that can be read'),
-    'text.xlsx': (lambda path: path.write_text('hello'), 'is no Excel file'),
-    'text.parquet': (lambda path: path.write_text('hello'), 'is no Parquet file'),
+    'text.mat': (lambda path: path.write_text('hello' * 99), r'is no \.mat file that can be read'),
+    'text.xlsx': (lambda path: path.write_text('hello'), r'is no \.xlsx file'),
+    'text.parquet': (lambda path: path.write_text('hello'), r'is no \.parquet file'),
     'strings.mat': (lambda path: in_matlab(path, a='text', n=3.0), 'holds no columns of numbers'),
     'structs.mat': (
         lambda path: in_matlab(path, a={'t': np.arange(9.0)}, b={'t': np.arange(9.0), 'x': np.arange(9.0)}),

@@ -174,7 +174,7 @@ def test_a_file_without_a_result_is_one_sentence(tmp_path, text):
     [
         (('parameters', 'P4', 'value'), 'r.yaml: parameters.P4.*value.*; name a file'),
         (('parameters', 'P4'), 'check P4; one number each'),
-        (('level',), 'r.yaml: .*level.*; name a file that pendubot identify wrote, as it wrote it'),
+        (('level',), 'r.yaml: .*level.*; name a file that pendubot identify wrote, as it did'),
         (('bags', 0, 'sha256'), 'r.yaml: bags.0.*sha256.*; name a file'),
     ],
 )
