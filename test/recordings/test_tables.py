@@ -189,7 +189,7 @@ def test_a_file_of_other_programs_that_cannot_be_used_is_one_sentence(tmp_path, 
         read(tmp_path / name)
 
 
-@pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'pandas'), ('x.parquet', 'pyarrow'), ('x.mat', 'h5py')])
+@pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'pandas'), ('x.mat', 'h5py')])
 def test_missing_packages_are_named_with_the_installation(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
     monkeypatch.setitem(sys.modules, package, None)
