@@ -13,7 +13,7 @@ import pytest
 import sympy
 import yaml
 
-from pendubot_identification.formats.export import FORMATS, ROBOTS, export
+from pendubot_identification.formats.export import FORMATS, export
 from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import MODELS, NAMES
@@ -94,13 +94,6 @@ def test_units_level_warnings_and_provenance_stand_in_it(result, name):
         'swing@0:4',
     ):
         assert expected in text
-
-
-@pytest.mark.parametrize('name', [name for name in FORMATS if name not in ROBOTS])
-def test_a_file_by_hand_with_nothing_but_values_is_enough(name):
-    text = written(name, PartialResult(parameters={n: Parameter(value=0.5) for n in NAMES[:7]}))
-    assert '0.5' in text
-    assert 'not known' in text
 
 
 def test_what_a_hand_left_out_is_0_in_its_own_place():

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.formats.masses import Link, rig_of
+from pendubot_identification.formats.masses import rig_of
 from pendubot_identification.model.parameters import BALANCE, Parameters
 
 sizes = st.floats(1e-6, 1e2)
@@ -38,13 +38,6 @@ def test_every_physical_vector_has_links(P1, P2, coupling, P4, P5, sign):
     # P4 is a sum of two that may cancel.
     rounding = 1e-9 * np.where(np.arange(5) == 3, rig.second.mass * rig.first.length, abs(expected))
     assert (abs(parameters(rig.first, rig.second) - expected) <= rounding + 1e-9 * abs(expected)).all()
-
-
-def test_two_equal_uniform_rods_are_themselves():
-    rod = Link(0.3, 0.8, 0.15, 0.8 * 0.3**2 / 12)
-    rig = rig_of(Parameters(*parameters(rod, rod), 0.0, 0.0))
-    for link in (rig.first, rig.second):
-        np.testing.assert_allclose([link.length, link.mass, link.centre, link.inertia], [0.3, 0.8, 0.15, 0.006])
 
 
 @given(st.floats(0.01, 0.28))
