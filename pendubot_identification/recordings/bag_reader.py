@@ -248,8 +248,8 @@ def read_trajectory(
         # A velocity is optional in each message.
         velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
         motion = conversion.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], velocities, str(window))
-    note = '; '.join(filter(None, [reader.note, window.cut(float(motion.t[-1]))]))
-    return RecordedTrajectory(motion.require_samples(), window, reader.content_hash, reader.closed, note, taken_as)
+    note = '; '.join(filter(None, [reader.note, window.cut(float(motion.require_samples().t[-1]))]))
+    return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, note, taken_as)
 
 
 def stream_samples(
