@@ -34,7 +34,7 @@ from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
 from .recordings.datasets import Datasets, divided, load_datasets, require_files
-from .recordings.inspection import Inspection, inspect_recording
+from .recordings.survey import Inspection, inspect_recording
 from .recordings.table_reader import TableReader
 from .recordings.tables import Table
 from .results import comparison
@@ -43,7 +43,7 @@ from .results.options import as_arguments
 from .results.provenance import IN_MEMORY
 from .results.provenance import recordings as read_recordings
 from .results.result import Parameter, PartialResult, Result
-from .results.result_file import read_complete_result, read_parameters, write_result
+from .results.result_file import read_complete_result, read_result, result_text
 from .setting import Setting
 from .trajectories.conventions import CONVERSION
 from .trajectories.conversion import Conversion
@@ -228,7 +228,7 @@ def identify(  # noqa: D417
         PendubotError: an argument is invalid, or the recordings determine no parameters.
     """
     from .results.assemble import assemble_result
-    from .results.corrections import identify_recordings
+    from .results.computation import identify_recordings
     from .results.options import bounds_of, settings_of
 
     settings = settings_of(_options(locals(), (*OPTIONS, *CONVERSION)), bounds_of(bounds or {}))
@@ -317,10 +317,6 @@ def _load(
             'and tau are expected'
         )
     training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
-    if len(training) == 1 and not validation:
-        whole, half = training[0], len(training[0].trajectory) // 2
-        training = [replace(whole, trajectory=whole.trajectory[:half])]
-        validation = [replace(whole, trajectory=whole.trajectory[half:])]
     return divided(training, validation)
 
 
@@ -475,7 +471,7 @@ class Pendubot(Parameters, _Exportable):
         Raises:
             PendubotError: it cannot be read.
         """
-        return cls(**asdict(read_parameters(Path(path))))
+        return cls(**asdict(read_result(Path(path)).theta))
 
     @property
     def theta(self) -> Array:
@@ -613,7 +609,7 @@ class Identified(_Exportable):
         Raises:
             PendubotError: it exists already, or cannot be written.
         """
-        write_result(Path(path), self.result, overwrite=overwrite)
+        write_atomically(Path(path), result_text(self.result), overwrite=overwrite)
 
     @_arguments_in_messages()
     def report(self, folder: File, *, overwrite: bool = False, figures: bool = False, paths: bool = False) -> Path:

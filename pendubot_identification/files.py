@@ -15,10 +15,8 @@ from typing import Any
 from pendubot_identification.errors import MissingFileError, PendubotError, ResultError
 
 
-def read_yaml(
-    path: Path, expected: str, refusal: type[PendubotError] = ResultError, replaced: Mapping[str, str] | None = None
-) -> Any:
-    """Return the content of a YAML file, each text of ``replaced`` read as its value.
+def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultError) -> Any:
+    """Return the content of a YAML file.
 
     Raises:
         MissingFileError: there is no such file.
@@ -27,12 +25,8 @@ def read_yaml(
     import yaml
 
     try:
-        text = path.read_text(encoding='utf-8')
         # Libyaml's, where it was built, takes a seventh of the time.
-        loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
-        for old, new in (replaced or {}).items():
-            text = text.replace(old, new)
-        return yaml.load(text, Loader=loader)
+        return yaml.load(path.read_text(encoding='utf-8'), Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
     except FileNotFoundError as error:
         raise MissingFileError(f'there is no file {path}; {expected}') from error
     except OSError as error:
@@ -89,11 +83,7 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
 
 
 def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Write a file completely or not at all; ``force`` is the option to overwrite.
-
-    Raises:
-        ResultError: the file exists already, or the system refuses to write it.
-    """
+    """Write a file completely or not at all; ``force`` is the option to overwrite. May raise ResultError."""
     if not overwrite:
         _refuse_existing(path, force)
     _write_together({path: content})
@@ -123,9 +113,7 @@ class OutputFolder:
                 self.__exit__()
                 raise
         if held and not overwrite:
-            raise ResultError(
-                f'{path} exists already and holds something, and was left as it is; choose another name or add --force'
-            )
+            raise ResultError(f'{path} exists already and is not empty; choose another name or add --force')
 
     def __enter__(self) -> OutputFolder:
         return self
@@ -135,25 +123,13 @@ class OutputFolder:
             for folder in self._made:
                 folder.rmdir()
 
-    def write(self, name: str, content: str | bytes) -> Path:
-        """Write a file, in a folder of its own where its name has one, and return where it is.
-
-        Raises:
-            ResultError: the system refuses.
-        """
-        path = self.path / name
-        with writing(path):
-            path.parent.mkdir(exist_ok=True)
-        _write_together({path: content})
-        return Path(os.path.abspath(path))
-
-    def write_together(self, files: Mapping[str, str | bytes]) -> None:
-        """Write files by their names, all of them or none.
-
-        Raises:
-            ResultError: the system refuses.
-        """
-        _write_together({self.path / name: content for name, content in files.items()})
+    def write(self, files: Mapping[str, str | bytes]) -> None:
+        """Write files by their names, which may have a folder in front, all of them or none. May raise ResultError."""
+        targets = {self.path / name: content for name, content in files.items()}
+        for path in targets:
+            with writing(path):
+                path.parent.mkdir(exist_ok=True)
+        _write_together(targets)
 
 
 def _write_together(files: Mapping[Path, str | bytes]) -> None:

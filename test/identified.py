@@ -39,25 +39,6 @@ def plain(*args, **settings):
     return plain_of(made(*args, **settings))
 
 
-def earlier():
-    """Return plain data as an earlier version wrote them, whose default was the criterion trajectory."""
-    data = plain()
-    data['criteria']['trajectory'] = data['criteria'].pop('likelihood')
-    data |= {'criterion': 'trajectory', 'models': {'by': None, 'compared': []}}
-    data['unexplained_torque'] = {'share': [0.1, 0.1], 'rounding': [0.0, 0.0], 'effects': [], 'bursts': []}
-    data['made_by']['criteria'] = list(data['criteria'])
-    for entry in (data, *data['criteria'].values()):
-        del entry['consequences']
-        for parameter in entry['parameters'].values():
-            del parameter['degrees_of_freedom']
-    for entry in data['criteria'].values():
-        del entry['convergence']
-    for bag in data['bags']:
-        del bag['topic'], bag['joint_names']
-    del data['not_covered'], data['faults'], data['effects'], data['unmodelled']
-    return data
-
-
 def result(data):
     """Return the result that plain data are of."""
     return structured(Result, data, 'test')

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.model.parameters import BALANCE, PAPER
-from pendubot_identification.results.result_file import read_parameters
+from pendubot_identification.results.result_file import read_result
 from test.conftest import ROOT
 
 
@@ -33,7 +33,7 @@ def example(tmp_path):
 def test_a_bag_becomes_parameters_and_these_a_regulator(example, tmp_path):
     said = example('bag_to_parameters.py', ROOT / 'bags' / 'paper_experiment', 'rig.yaml')
     assert 'P5 = 0.0033' in said
-    theta = read_parameters(tmp_path / 'rig.yaml').vector()
+    theta = read_result(tmp_path / 'rig.yaml').theta.vector()
     np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)
     assert 'poles of the closed loop' in example('lqr.py', 'rig.yaml')
 

@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 
 from benchmarks.speed import measure
 from benchmarks.speed.measure import REPETITIONS, seconds
-from pendubot_identification.recordings.bag_metadata import information, write_metadata
+from pendubot_identification.recordings.bag_writer import information, write_metadata
 from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
 from test.conftest import ROOT

@@ -31,7 +31,7 @@ from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER, UNIT
 from pendubot_identification.report import tables
 from pendubot_identification.report.plots import draw_balance
 from pendubot_identification.report.table import Table
-from pendubot_identification.results.result_file import read_complete_result, read_parameters
+from pendubot_identification.results.result_file import read_complete_result, read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .processes import POLL, Program, Programs, own_ros, parameters
@@ -128,7 +128,7 @@ def _balance(rclpy: Any, folder: Path) -> None:
     t, q1, q2, tau = np.array(observer.samples).T
     motion = Trajectory(t - t[0], np.column_stack([q1, q2]), np.column_stack([tau, 0 * tau]), name='swing-up')
     draw_balance(picture, motion, LIMIT)
-    error = np.abs(read_parameters(written).vector() / BALANCE.vector() - 1)[:5].max()
+    error = np.abs(read_result(written).theta.vector() / BALANCE.vector() - 1)[:5].max()
     print(f'identified within {100 * error:.2g} % of P1 to P5; picture: {picture}')
     upright = held_since(motion)
     steady = motion.t > upright + 1

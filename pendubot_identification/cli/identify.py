@@ -22,7 +22,7 @@ from pendubot_identification.errors import (
     sentence,
     wrong_usage,
 )
-from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable
+from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
 from pendubot_identification.identify.estimate import Progress
 from pendubot_identification.identify.options import APPLY_REMEDIES, MDE, OPTIONS
 from pendubot_identification.identify.settings import Settings
@@ -31,11 +31,11 @@ from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import Datasets, load_datasets, require_files
 from pendubot_identification.report.tables import Beside, summary
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.corrections import identify_recordings
+from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import PartialResult, Result, plain
-from pendubot_identification.results.result_file import read_parameters, read_result, write_result
-from pendubot_identification.results.tracking import track_recordings
+from pendubot_identification.results.result_file import read_result, result_text
+from pendubot_identification.results.track_file import track_recordings
 from pendubot_identification.tracking.events import Start
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import Conversion
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
         refuse_input(target, [*bags, start and Path(start), args.reference, args.settings])
     if start is not None:
-        settings = replace(settings, start=read_parameters(Path(start)))
+        settings = replace(settings, start=read_result(Path(start)).theta)
     beside = _beside(args)
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         for target in outputs:
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         result, motions = _identify(args, settings, names, folder, apply_remedies=apply_remedies)
         try:
             if args.output is not None:
-                write_result(args.output, result, overwrite=args.force)
+                write_atomically(args.output, result_text(result), overwrite=args.force)
             save_settings(args, Conversion.of(result.reading))
             if folder is not None:
                 from pendubot_identification.report.page import write_report  # imports matplotlib

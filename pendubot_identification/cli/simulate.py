@@ -15,7 +15,7 @@ from pendubot_identification.excitation.exciter_file import read_exciter
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings.joint_states import write_trajectory
-from pendubot_identification.results.result_file import read_parameters
+from pendubot_identification.results.result_file import read_result
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         with wrong_usage():
             train = PulseTrain(seed=1 if args.seed is None else args.seed)
-    parameters = PAPER if args.parameters is None else read_parameters(args.parameters)
+    parameters = PAPER if args.parameters is None else read_result(args.parameters).theta
     t = np.arange(args.samples) / args.rate
     motion = simulate(parameters, t, np.column_stack([train.torques(t), np.zeros(args.samples)]))
     write_trajectory(args.output, quantised(motion, args.counts) if args.counts else motion, overwrite=args.force)

@@ -18,8 +18,7 @@ from pendubot_identification.recordings.datasets import require_files
 from pendubot_identification.report.table import Table, wrapped
 from pendubot_identification.results.result import plain
 from pendubot_identification.results.result_file import result_text
-from pendubot_identification.results.track_file import Track, start_of, tracked_result
-from pendubot_identification.results.tracking import BETWEEN, track_recordings
+from pendubot_identification.results.track_file import BETWEEN, Track, start_of, track_recordings, tracked_result
 from pendubot_identification.tracking.events import Disturbance, State
 from pendubot_identification.tracking.tracker import Tracker
 

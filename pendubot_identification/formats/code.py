@@ -79,7 +79,7 @@ pendubot.derivative = @(x, tau) [x(3); x(4); pendubot.acceleration(x(1:2), x(3:4
 
 
 def c(parameters: Sequence[Entry], comments: Sequence[str]) -> str:
-    """Return a header: ``PENDUBOT_P1`` ..., ``PENDUBOT_THETA``, and from C99 and in C++ the model as functions."""
+    """Return a header: ``PENDUBOT_P1`` ..., ``PENDUBOT_THETA``, and the model as functions, for C99 and C++."""
     names = {e.name: f'PENDUBOT_{e.name}' for e in parameters} | _indexed('{}[{}]', 0)
     m11, m12, m22, h1, h2, f1, f2 = _equations(len(parameters), names)
     return f"""\
@@ -94,7 +94,6 @@ def c(parameters: Sequence[Entry], comments: Sequence[str]) -> str:
 #define PENDUBOT_COUNT {len(parameters)}
 #define PENDUBOT_THETA {{{', '.join(f'PENDUBOT_{e.name}' for e in parameters)}}}
 
-#if defined(__cplusplus) || (defined(__STDC_VERSION__) && __STDC_VERSION__ >= 199901L)
 #include <math.h>
 
 /* The model: q [rad], v [rad/s], tau [N m] and what comes out are of shoulder and elbow. */
@@ -131,7 +130,6 @@ static inline void pendubot_acceleration(const double q[2], const double v[2], c
   a[0] = (M[1][1] * r[0] - M[0][1] * r[1]) / determinant;
   a[1] = (M[0][0] * r[1] - M[1][0] * r[0]) / determinant;
 }}
-#endif
 
 #endif
 """

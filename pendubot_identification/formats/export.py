@@ -36,18 +36,12 @@ def export(
 ) -> tuple[str, list[str]]:
     """Return the text of a file, and in sentences what its user must know of it, which also stand in it.
 
-    Args:
-        result: of an identification, or parameters by hand.
-        format: one of :data:`FORMATS`.
-        link_length: for simulators, of link 1 [m], see :func:`.masses.rig_of`.
-        torque_limit: for simulators, of the motor [N m].
-        revolute: for URDF, see :func:`.robots.urdf`.
+    ``format`` is one of :data:`FORMATS`. For simulators, ``link_length`` [m] is of link 1, see :func:`.masses.rig_of`,
+    and ``torque_limit`` [N m] of the motor; ``revolute`` is of :func:`.robots.urdf`.
 
     Raises:
-        ParameterError: there is no such format, or no real masses give these parameters, or a limit that is none.
+        ParameterError: no real masses give these parameters, or the limit is no number above 0.
     """
-    if format not in FORMATS:
-        raise ParameterError(f'there is no format {format!r}; one of {", ".join(FORMATS)} is expected')
     require_limit(torque_limit)
     parameters = _vector(result)
     if format in ROBOTS:
@@ -65,22 +59,14 @@ def export(
 
 
 def format_of(path: Path) -> str:
-    """Return the format that the suffix of a file names.
-
-    Raises:
-        ParameterError: it names none.
-    """
+    """Return the format that the suffix of a file names. Raises ParameterError: it names none."""
     if path.suffix not in SUFFIXES:
         raise ParameterError(f'{path} has no suffix that names a format; {", ".join(SUFFIXES)} are expected')
     return SUFFIXES[path.suffix]
 
 
 def require_limit(torque: float | None) -> None:
-    """Refuse a torque limit [N m] that is none.
-
-    Raises:
-        ParameterError: it is no number above 0.
-    """
+    """Raise ParameterError for a torque limit [N m] that is no number above 0."""
     if torque is not None and not 0 < torque < float('inf'):
         raise ParameterError(f'the torque limit is {torque:g} N m; a number above 0 is expected')
 
@@ -94,7 +80,7 @@ def provenance(result: PartialResult) -> list[str]:
         *(f'{bag.role}: {bag.bag}, sha256 {bag.sha256}' for bag in result.bags),
         f'level: {"not known" if result.level is None else result.level.name}',
         *(f'warning: {warning}' for warning in result.warnings),
-        *(f'{name} is not covered by the level: {why}' for name, why in (result.not_covered or {}).items()),
+        *(f'{name} is not covered by the level: {why}' for name, why in result.not_covered.items()),
     ]
     return [' '.join(str(line).split()) for line in lines]
 
@@ -113,10 +99,10 @@ def _beside(result: PartialResult) -> list[str]:
 
 def _yaml(parameters: dict[str, Parameter], comments: list[str]) -> str:
     """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
-    comments = [*comments, *(f'{name}: {_described(name, entry)}' for name, entry in parameters.items())]
+    described = (f'{name}: {_described(name, entry)}' for name, entry in parameters.items())
     values = {name: entry.value for name, entry in parameters.items()}
     content = yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
-    return ''.join(f'# {line}\n' for line in comments) + content
+    return ''.join(f'# {line}\n' for line in (*comments, *described)) + content
 
 
 def _vector(result: PartialResult) -> dict[str, Parameter]:
@@ -128,6 +114,4 @@ def _vector(result: PartialResult) -> dict[str, Parameter]:
 
 def _described(name: str, entry: Parameter) -> str:
     """Return unit, meaning, and how certain."""
-    unit, meaning = MEANINGS[name]
-    error = entry.std_error
-    return f'{unit}; {meaning}' + ('' if error is None else f'; standard error {error:.2g}')
+    return '; '.join(MEANINGS[name]) + ('' if entry.std_error is None else f'; standard error {entry.std_error:.2g}')

@@ -3,9 +3,8 @@
 
 """Links with lengths, masses and inertias that move as given parameters say: what simulators want to know.
 
-The motion determines P1 to P5, and these leave two of the links' seven numbers open. P3 / P5 is the length l1 of link
-1. Any mass m2 between P5^2 / P2 and P1 / l1^2 will do for link 2, and for link 1 any above (P4 - m2 l1)^2 /
-(P1 - m2 l1^2): then I1 and I2, of what P1 and P2 leave, are positive. All of these rigs have the same motion.
+P1 to P5 leave two of the links' seven numbers open. P3 / P5 is the length l1 of link 1. Any m2 between P5^2 / P2 and
+P1 / l1^2, and any m1 above (P4 - m2 l1)^2 / (P1 - m2 l1^2), gives positive inertias and the same motion.
 """
 
 from __future__ import annotations
@@ -40,9 +39,7 @@ class Rig:
 def rig_of(parameters: Parameters, link_length: float | None = None) -> Rig:
     """Return the rig that moves so; of two equal uniform rods it is these.
 
-    Args:
-        parameters: of any model; friction and the rotor's inertia stay what they are.
-        link_length: of link 1 [m], as it was measured; P3 then becomes P5 times it. None: P3 / P5.
+    ``link_length`` is the measured length of link 1 [m], and P3 becomes P5 times it; None: P3 / P5.
 
     Raises:
         ParameterError: no real masses move so.
@@ -52,19 +49,16 @@ def rig_of(parameters: Parameters, link_length: float | None = None) -> Rig:
         raise ParameterError(f'no rig moves like this: {problems[0]}; identify it again')
     if link_length is None:
         if not p.P3 * p.P5 > 0:
-            raise ParameterError(
-                f'P3 = {p.P3:.4g} and P5 = {p.P5:.4g} give link 1 no length P3 / P5 above 0; measure it from shoulder '
-                'to elbow and give it by --link-length'
-            )
+            given = f'P3 = {p.P3:.4g} and P5 = {p.P5:.4g}'
+            raise ParameterError(f'{given} give link 1 no length P3 / P5 above 0; measure it and add --link-length')
         l1 = p.P3 / p.P5
         chosen = f'link 1 is {l1:.6g} m long: P3 / P5'
     else:
         l1, limit = float(link_length), math.sqrt(p.P1 * p.P2) / abs(p.P5) if p.P5 else math.inf
         if not 0 < l1 < limit:
+            below = f' and below sqrt(P1 P2) / |P5| = {limit:.4g} m' if p.P5 else ''
             raise ParameterError(
-                f'no real masses give these parameters with a link 1 of {l1:g} m; a length above 0'
-                + (f' and below sqrt(P1 P2) / |P5| = {limit:.4g} m' if p.P5 else '')
-                + ' is expected'
+                f'no real masses give these parameters with a link 1 of {l1:g} m; a length above 0{below} is expected'
             )
         p = replace(p, P3=p.P5 * l1)
         chosen = f'link 1 is {l1:.6g} m long, as given: P3 is P5 l1 = {p.P3:.6g} kg m^2, not {parameters.P3:.6g}'
@@ -73,22 +67,15 @@ def rig_of(parameters: Parameters, link_length: float | None = None) -> Rig:
     m2 = math.sqrt(low * high) or high / 2
     moment, inertia, second = p.P4 - m2 * l1, p.P1 - m2 * l1**2, p.P2 - p.P5**2 / m2
     if not min(inertia, second) > 0:
-        raise ParameterError(
-            f'no real masses give these parameters: P1 P2 = {p.P1 * p.P2:.17g} exceeds P3^2 by rounding alone; '
-            'identify the rig again'
-        )
+        raise ParameterError(f'P1 P2 = {p.P1 * p.P2:.17g} exceeds P3^2 by rounding alone; identify the rig again')
     least, more = moment**2 / inertia, 0.75 * inertia / l1**2
     m1 = least + more
     # Only a picture shows how long link 2 is; a uniform rod would be so long.
     l2 = min(1.5 * p.P2 / abs(p.P5), 3 * l1) if p.P5 else l1
-    return Rig(
-        Link(l1, m1, moment / m1, inertia * more / m1),
-        Link(l2, m2, p.P5 / m2, second),
-        p,
-        (
-            chosen,
-            f'm2 = {m2:.6g} kg was chosen, m1 = {m1:.6g} kg with it: with any m2 from {low:.4g} to {high:.4g} kg, and '
-            f'with this one any m1 above {least:.4g} kg, the rig moves in the same way',
-            f'link 2 is drawn {l2:.4g} m long; its motion does not depend on that',
-        ),
+    choices = (
+        chosen,
+        f'm2 = {m2:.6g} kg was chosen, m1 = {m1:.6g} kg with it: with any m2 from {low:.4g} to {high:.4g} kg, and with '
+        f'this one any m1 above {least:.4g} kg, the rig moves in the same way',
+        f'link 2 is drawn {l2:.4g} m long; its motion does not depend on that',
     )
+    return Rig(Link(l1, m1, moment / m1, inertia * more / m1), Link(l2, m2, p.P5 / m2, second), p, choices)

@@ -117,24 +117,15 @@ def urdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
 
 
 def drawn(l1: float, l2: float) -> str:
-    """Return a URDF for the eye alone, of links of these lengths [m]: it has no masses.
-
-    Raises:
-        ParameterError: a length that is no positive number.
-    """
+    """Return a URDF for the eye alone, of links of these lengths [m]: it has no masses. May raise ParameterError."""
     for name, length in (('l1', l1), ('l2', l2)):
-        if not (math.isfinite(length) and length > 0):
+        if not 0 < length < math.inf:
             raise ParameterError(f'the length {name} is {length:g} m; a number above 0 is expected')
     return _urdf(l1, l2, ['a pendubot for the eye: it has no masses'], ['', ''], ['', ''])
 
 
 def _urdf(
-    l1: float,
-    l2: float,
-    comments: Iterable[str],
-    inertial: list[str],
-    dynamics: list[str],
-    kind: str = 'continuous',
+    l1: float, l2: float, comments: Iterable[str], inertial: list[str], dynamics: list[str], kind: str = 'continuous'
 ) -> str:
     radius = SLENDER * min(l1, l2)
 

@@ -15,8 +15,8 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pendubot_identification.errors import BagError, ParameterError
-from pendubot_identification.recordings.bag_metadata import offered_profiles
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
+from pendubot_identification.recordings.bag_writer import offered_profiles
 from pendubot_identification.recordings.mcap_file import McapFile
 from pendubot_identification.setting import Setting
 

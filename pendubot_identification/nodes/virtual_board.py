@@ -105,9 +105,9 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     parameters = PRESETS[options.preset]
     if options.parameters is not None:
         # Only here: without this import the board starts ten times faster.
-        from pendubot_identification.results.result_file import read_parameters
+        from pendubot_identification.results.result_file import read_result
 
-        parameters = read_parameters(options.parameters)
+        parameters = read_result(options.parameters).theta
     chance = random.Random(options.seed)
     q1, q2 = (q + chance.uniform(-options.spread, options.spread) for q in STARTS[options.start])
     plant = LatePlant(parameters, options.delay, (q1, q2))

@@ -99,8 +99,7 @@ class Reproduction:
         self._add_tables(*paper_tables.table_4(outcomes, self._runs))
         if 'table4' in self._wanted:
             times = paper_tables.times(outcomes, seconds)
-            self._folder.write('times.md', times.markdown())
-            self._folder.write('times.csv', times.csv())
+            self._folder.write({'times.md': times.markdown(), 'times.csv': times.csv()})
         what = (
             'median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where the last run '
             'ends'
@@ -158,7 +157,7 @@ class Reproduction:
                 texts.append(f'![{caption}](figures/{name}.png)\n\n{caption} ([SVG](figures/{name}.svg))\n')
         files = ', '.join(f'[{name}]({name})' for name in self._raw)
         texts.append(f'## Raw runs\n\nSeeds and every run: {files}. Tables as CSV and Markdown: `tables/`.\n')
-        self._folder.write('index.md', '\n'.join(texts))
+        self._folder.write({'index.md': '\n'.join(texts)})
 
     def data(self) -> dict[str, Any]:
         """Return the tables and the names of the other files, for ``--json``."""
@@ -224,7 +223,8 @@ class Reproduction:
 
     def _write_raw(self, experiment: str, data: dict[str, Any]) -> None:
         name = f'runs/{experiment}.json'
-        self._folder.write(name, json.dumps({'seed': self._seed, 'runs': self._runs, **data}, indent=1) + '\n')
+        text = json.dumps({'seed': self._seed, 'runs': self._runs, **data}, indent=1) + '\n'
+        self._folder.write({name: text})
         self._raw.append(name)
 
     def _wants(self, name: str) -> bool:
@@ -234,16 +234,15 @@ class Reproduction:
     def _add_tables(self, *tables: Table) -> None:
         for table in tables:
             if self._wants(table.name):
-                self._folder.write(f'tables/{table.name}.md', table.markdown())
-                self._folder.write(f'tables/{table.name}.csv', table.csv())
+                name = f'tables/{table.name}'
+                self._folder.write({f'{name}.md': table.markdown(), f'{name}.csv': table.csv()})
                 self._contents.append(table)
 
     def _add_figure(self, name: str, caption: str, draw: Callable[..., Figure], *arguments: Any) -> None:
         if self._wants(name):
             with style():
                 files = rendered(draw(*arguments))
-            for ending, content in files.items():
-                self._folder.write(f'figures/{name}.{ending}', content)
+            self._folder.write({f'figures/{name}.{ending}': content for ending, content in files.items()})
             self._contents.append((name, caption))
 
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state, stamp_of
 from .mcap_file import FOREVER_NS, McapFile, Messages
-from .other_bags import as_mcap, is_other
 from .table_reader import TableReader
 from .tables import is_table
 
@@ -46,6 +45,8 @@ class ReadSettings:
 
 
 SETTINGS = ReadSettings()
+#: Converted bags of ROS 1 and sqlite3, which are deleted when the program ends.
+_folders: list[TemporaryDirectory[str]] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +58,8 @@ class BagWindow:
     end: float | None = None
 
     def __post_init__(self) -> None:
-        for bound in (self.start, self.end):
-            if bound is not None and not 0 <= bound < math.inf:
-                raise BagError(
-                    f'{self}: {bound:g} is no time in a bag; START and END are seconds from its first sample'
-                )
-        if self.start is not None and self.end is not None and not self.start < self.end:
-            raise BagError(f'{self}: the window is empty or reversed; give START:END in seconds with START before END')
+        if not (0 <= (self.start or 0.0) < (math.inf if self.end is None else self.end) and self.end != math.inf):
+            raise BagError(f'{self} names no window; seconds from the first sample are expected, START before END')
 
     @classmethod
     def parse(cls, text: str) -> BagWindow:
@@ -76,14 +72,11 @@ class BagWindow:
         if '@' not in text or os.path.exists(text):
             return cls(Path(text))
         path, _, window = text.rpartition('@')
-        match = re.fullmatch(r'([^:]*):([^:]*)', window)
-        if not (path and match):
-            raise BagError(f'{text!r} names no window of a bag; BAG@START:END in seconds is expected, such as bag@0:9')
         try:
-            start, end = (float(bound) if bound.strip() else None for bound in match.groups())
+            start, end = (float(bound) if bound.strip() else None for bound in window.split(':'))
         except ValueError:
             raise BagError(
-                f'{text!r}: START and END must be numbers of seconds; write it like bag@0:9, bag@9: or bag@:9'
+                f'{text!r} names no window of a bag; BAG@START:END in seconds is expected, such as bag@0:9 or bag@9:'
             ) from None
         return cls(Path(path), start, end)
 
@@ -128,7 +121,7 @@ class BagReader:
         topics: type and number of messages of each, by name.
         first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
         closed: whether all files were closed and can be read.
-        note: for other bags, sentences about the intact messages; else empty.
+        note: sentences about the intact messages if not; else empty.
 
     Raises:
         BagError: there is no such bag, or it cannot be read.
@@ -136,7 +129,7 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self.files, self.unread = _opened(self.path)
+        self.files, self.unread = _opened(_as_mcap(self.path))
         topics: dict[str, tuple[str, int]] = {}
         for file in self.files:
             for name, (type_name, count) in file.topics.items():
@@ -220,11 +213,7 @@ Reader = BagReader | TableReader
 
 
 def open_recording(path: Path, conversion: Conversion) -> Reader:
-    """Return the reader of a bag or of a file with columns.
-
-    Raises:
-        BagError: there is no such bag, or it cannot be read.
-    """
+    """Return the reader of a bag or of a file with columns. May raise BagError."""
     return TableReader(path, conversion) if is_table(path) else BagReader(path)
 
 
@@ -249,25 +238,18 @@ def read_trajectory(
         LongRecordingError: it is too long to be read at once.
     """
     window, conversion = BagWindow(window) if isinstance(window, Path) else window, conversion or Conversion()
-    reader = reader or open_recording(window.path, conversion)
+    reader, taken_as = reader or open_recording(window.path, conversion), ''
     if isinstance(reader, TableReader):
-        motion, duration = replace(window.of(reader.motion), name=str(window)), reader.motion.duration
-        t = motion.t
+        motion, taken_as = replace(window.of(reader.motion), name=str(window)), reader.taken_as
+        _require_short(window, motion.t, reader.motion.duration)
     else:
         elapsed_ns, values = _collect(reader, window, topic, joint_names, conversion.effort_names(joint_names))
-        t, duration = elapsed_ns / 1e9, reader.duration
-    if not len(t):
-        raise TrajectoryError(
-            f'{window}: the window holds no sample; the recording lasts {duration:.3f} s: choose a time within it'
-        )
-    _require_short(window, t, duration)
-    if not isinstance(reader, TableReader):
+        _require_short(window, elapsed_ns / 1e9, reader.duration)
         # A velocity is optional in each message.
         velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
-        motion = conversion.motion(t, values[:, 0], values[:, 1], velocities, str(window))
-    note = '; '.join(filter(None, [reader.note, window.cut(float(t[-1]))]))
-    taken_as = reader.taken_as if isinstance(reader, TableReader) else ''
-    return RecordedTrajectory(motion.require_samples(), window, reader.content_hash, reader.closed, note, taken_as)
+        motion = conversion.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], velocities, str(window))
+    note = '; '.join(filter(None, [reader.note, window.cut(float(motion.require_samples().t[-1]))]))
+    return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, note, taken_as)
 
 
 def stream_samples(
@@ -312,16 +294,16 @@ def _collect(
 
 
 def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -> None:
-    """Raise LongRecordingError for too long a window, with samples at t [s], of a recording of ``duration`` [s]."""
+    """Raise TrajectoryError for an empty or too long window, with samples at t [s], of ``duration`` [s]."""
+    if not len(t):
+        raise TrajectoryError(f'{window} holds no sample; choose a time within the {duration:.3f} s of the recording')
     if not SETTINGS.exclude(len(t), min(float(t[-1] - t[0]), duration)):
         return
     start = window.start or 0.0
-    at_once = f'{SETTINGS.longest:g} s'
-    if len(t) > SETTINGS.many:
-        at_once += f', or {SETTINGS.longest_of_many:g} s of more than {SETTINGS.many} samples,'
+    longest = SETTINGS.longest if len(t) <= SETTINGS.many else SETTINGS.longest_of_many
     lasts = min(window.end or math.inf, duration) - start
     raise LongRecordingError(
-        f'{window} is too long: it lasts {lasts:.0f} s, and at most {at_once} are taken at once',
+        f'{window} is too long: it lasts {lasts:.0f} s, and at most {longest:g} s are taken at once',
         str(window),
         str(BagWindow(window.path, window.start, start + SETTINGS.first_window)),
     )
@@ -332,36 +314,55 @@ def _require(reader: BagReader, topic: str) -> None:
     there = {name: kind for name, (kind, count) in reader.topics.items() if count}
     if not there:
         raise BagError(f'{reader.path} holds no message; record again while something is published')
-    if topic not in there:
+    if there.get(topic) != JOINT_STATE:
         named = ', '.join(f'{name} [{kind}]' for name, kind in there.items())
+        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; name one of its topics: {named}')
+
+
+@cache
+def _as_mcap(path: Path) -> Path:
+    """Return a folder with the JointStates of a bag of ROS 1 or storage sqlite3 in MCAP; of another bag, its path."""
+    try:
+        if path.is_dir():
+            other = any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
+        else:
+            other = path.suffix in ('.bag', '.db3') and path.is_file()
+    except OSError:  # it cannot be read, which the reader says
+        other = False
+    if not other:
+        return path
+    from rosbags.convert import ConverterError, convert
+    from rosbags.highlevel import AnyReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    source = path.parent if path.suffix == '.db3' and (path.parent / 'metadata.yaml').exists() else path
+    _folders.append(TemporaryDirectory(prefix='pendubot-'))
+    target, jazzy = Path(_folders[-1].name, 'bag'), get_typestore(Stores.ROS2_JAZZY)
+    try:
+        convert([source], target, 'mcap', 9, None, 'none', jazzy, jazzy, [], [], [], [JOINT_STATE])
+    except (ConverterError, AnyReaderError, OSError, ValueError) as error:
         raise BagError(
-            f'{reader.path} holds nothing on {topic}; its topics are {named}: name one of type {JOINT_STATE}'
-        )
-    if there[topic] != JOINT_STATE:
-        raise BagError(f'{reader.path}: {topic} is of type {there[topic]}; name a topic of type {JOINT_STATE}')
+            f'{path} is no bag with messages of type {JOINT_STATE} that can be read ({error}); look at it with '
+            'rosbag info or ros2 bag info'
+        ) from error
+    return target
 
 
 def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
     """Return the readable files of a bag in order, and errors by file for others; BagError if none is readable."""
-    if is_other(path):
-        path = as_mcap(path)
     if os.path.isfile(path):
         return [McapFile(path)], {}
     try:
         names = os.listdir(path)
     except PermissionError as error:
-        raise BagError(
-            f'{path} cannot be read: {error.strerror}; check the permissions of this folder and of those above'
-        ) from error
+        why = f'{error.strerror}; check the permissions of this folder and of those above'
+        raise BagError(f'{path} cannot be read: {why}') from error
     except OSError:
         raise MissingFileError(f'there is no bag {path}; give a bag folder or a .mcap file') from None
     # Compression of a file may have been interrupted: prefer the original.
     found = {name.removesuffix('.zstd') for name in names if name.endswith(('.mcap', '.mcap.zstd'))}
     if not found:
-        raise BagError(
-            f'{path} is no bag that can be read here: it holds no .mcap file; give a bag recorded with storage mcap '
-            '(ros2 bag convert makes one of any other)'
-        )
+        raise BagError(f'{path} is no bag: it holds no .mcap, .db3 or .bag file; name the folder that holds one')
     files, unread = list[McapFile](), dict[Path, str]()
     # NAME_2.mcap comes before NAME_10.mcap.
     for name in sorted(found, key=lambda name: (len(name), name)):

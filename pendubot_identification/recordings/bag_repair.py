@@ -14,9 +14,8 @@ import numpy as np
 
 from pendubot_identification.errors import BagError
 
-from .bag_metadata import METADATA, parse_information, read_information
 from .bag_reader import BagReader
-from .bag_writer import BagWriter, complete_bag
+from .bag_writer import METADATA, BagWriter, complete_bag, read_information
 from .mcap_file import Damage, McapFile
 from .survey import missing_numbers
 
@@ -60,10 +59,9 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     for file in bag.files:
         deque(file.scan(), maxlen=0)
     described = read_information(source)
-    origin = described or next(filter(None, (parse_information(file.description) for file in bag.files)), {})
     last_numbers: Counter[str] = Counter()
     with complete_bag(output, overwrite=overwrite) as copy:
-        copy.origin = {key: origin[key] for key in ('custom_data', 'ros_distro') if origin.get(key)}
+        copy.origin = {key: described[key] for key in ('custom_data', 'ros_distro') if described.get(key)}
         saved = [_copied(file, copy, last_numbers) for file in bag.files]
     named = [source / Path(name).name for name in described.get('relative_file_paths', ())]
     unread = {file: f'{file} is named in {METADATA} and does not exist' for file in named if not file.exists()}

@@ -67,11 +67,7 @@ def load_datasets(
     training = [read(window) for window in windows]
     validation = [read(BagWindow.parse(text)) for text in validate]
     unlimited = [window.start is None and window.end is None for window in windows]
-    if not validation and unlimited == [True]:
-        whole, half = training[0], len(training[0].trajectory) // 2
-        training = [replace(whole, trajectory=whole.trajectory[:half])]
-        validation = [replace(whole, trajectory=whole.trajectory[half:])]
-    elif not validation and not all(unlimited):
+    if not validation and not all(unlimited):
         validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
     return divided(training, validation, topic, joint_names)
 
@@ -82,9 +78,13 @@ def divided(
     topic: str = JOINT_STATES_TOPIC,
     joint_names: Sequence[str] = JOINT_NAMES,
 ) -> Datasets:
-    """Return motions for training and for validation, with their sources and notes."""
+    """Return motions for training and validation, with sources and notes; a single one without a window is halved."""
+    if not validation and len(training) == 1 and training[0].window == BagWindow(training[0].window.path):
+        whole, half = training[0], len(training[0].trajectory) // 2
+        training = [replace(whole, trajectory=whole.trajectory[:half])]
+        validation = [replace(whole, trajectory=whole.trajectory[half:])]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
-    notes = [r.note for _, r in pairs if r.note]
+    notes, read_as = [r.note for _, r in pairs if r.note], (topic, list(joint_names))
     for (role, first), (_, second) in combinations(pairs, 2):
         starts, ends = zip(span(first.trajectory), span(second.trajectory), strict=True)
         if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
@@ -92,13 +92,12 @@ def divided(
                 f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
                 'validation look better than they are'
             )
-    sources = []
-    for role, r in pairs:
-        samples, duration = len(r.trajectory), r.trajectory.duration
-        read_as = topic, list(joint_names), r.taken_as
-        sources.append(Source(str(r.window), role, samples, duration, r.sha256, r.closed, *read_as))
+    sources = tuple(
+        Source(str(r.window), role, len(r.trajectory), r.trajectory.duration, r.sha256, r.closed, *read_as, r.taken_as)
+        for role, r in pairs
+    )
     trained, validated = (tuple(r.trajectory for r in part) for part in (training, validation))
-    return Datasets(trained, validated, tuple(sources), tuple(dict.fromkeys(notes)))
+    return Datasets(trained, validated, sources, tuple(dict.fromkeys(notes)))
 
 
 def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:

@@ -12,7 +12,6 @@ from pendubot_identification.level import Diagnosis, Level
 
 #: Latency from publishing to writing that causes a warning [s].
 LATE = 1.0
-
 #: A warning is due when the free space is this many reserves.
 SCARCE = 2
 
@@ -58,24 +57,19 @@ def diagnose(
 
     ``free`` is the free space of the disk; at ``reserve`` the recording ends [bytes].
     """
-    warnings: list[str] = []
+    warnings: dict[str, bool] = {}  # sentences, and whether they hold
     values: dict[str, str] = {}
     for topic, flow in flows.items():
         rate, lag = flow.report(elapsed)
-        values |= {
-            f'{topic} messages': str(flow.count),
-            f'{topic} rate [Hz]': f'{rate:.1f}',
-            f'{topic} lag [s]': f'{lag:.4f}',
-            f'{topic} lost': str(flow.lost),
+        shown = {'messages': flow.count, 'rate [Hz]': f'{rate:.1f}', 'lag [s]': f'{lag:.4f}', 'lost': flow.lost}
+        values |= {f'{topic} {name}': str(value) for name, value in shown.items()}
+        warnings |= {
+            f'{topic}: {flow.lost} messages lost': flow.lost > 0,
+            f'{topic}: written {lag:.1f} s late': lag > LATE,
+            f'{topic}: nothing yet': not flow.count,
         }
-        if flow.lost:
-            warnings.append(f'{topic}: {flow.lost} messages lost')
-        if lag > LATE:
-            warnings.append(f'{topic}: written {lag:.1f} s late')
-        if not flow.count:
-            warnings.append(f'{topic}: nothing yet')
-    if free < SCARCE * reserve:
-        warnings.append(f'{free / 1e6:.0f} MB left on the disk; the bag is closed at {reserve / 1e6:.0f}')
-    warnings += troubles
+    scarce = f'{free / 1e6:.0f} MB left on the disk; the bag is closed at {reserve / 1e6:.0f}'
+    warnings |= {scarce: free < SCARCE * reserve, **dict.fromkeys(troubles, True)}
     values |= {'free [MB]': f'{free / 1e6:.1f}', 'reserve [MB]': f'{reserve / 1e6:.1f}'}
-    return Diagnosis(Level.WARN if warnings else Level.OK, '; '.join(warnings) or 'recording', values)
+    said = '; '.join(sentence for sentence, holds in warnings.items() if holds)
+    return Diagnosis(Level.WARN if said else Level.OK, said or 'recording', values)

@@ -45,11 +45,7 @@ def encode_joint_state(
 
 
 def decode_joint_state(data: bytes) -> Any:
-    """Return a JointState in CDR as rosbags' message.
-
-    Raises:
-        BagError: the bytes are no JointState.
-    """
+    """Return a JointState in CDR as rosbags' message. Raises BagError: the bytes are no JointState."""
     try:
         return typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:
@@ -115,10 +111,7 @@ class JointDecoder:
         if len(state.position) != n:
             raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
         if len(state.effort) != n:
-            raise BagError(
-                f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one, 0 where it is not '
-                'driven'
-            )
+            raise BagError(f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one')
         joints, efforts = (
             [state.name.index(name) for name in names] for names in (self._joint_names, self._effort_names)
         )

@@ -29,7 +29,7 @@ import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
+from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
 from numpy.typing import DTypeLike, NDArray
 
 from pendubot_identification.errors import BagError
@@ -138,14 +138,13 @@ class McapFile:
         topics: the schema's name and the number of messages of each topic.
         first_ns, last_ns: earliest and latest log time [ns since the epoch]; None where there is no message.
         damages: parts that cannot be read, if the file was scanned.
-        description: a copy of metadata.yaml that a scan found in the file; else empty.
 
     Raises:
         BagError: the file is missing, empty or no MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.closed, self.description = path, True, ''
+        self.path, self.closed = path, True
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.first_ns: int | None = None
@@ -199,17 +198,17 @@ class McapFile:
         """
         channels = np.array([number for number, channel in self.channels.items() if channel.topic in topics], np.uint16)
         rows = self._index[(self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)]
-        waiting: Messages | None = None
+        waiting = NOTHING
         for block, until_ns in self._read_parts(rows[np.argsort(rows[:, 0], kind='stable')]):
             wanted = np.isin(block.heads['channel'], channels, kind='table')
             wanted &= (start_ns <= block.heads['logged']) & (block.heads['logged'] < end_ns)
-            found = block.part(wanted) if waiting is None else waiting.followed_by(block.part(wanted))
+            found = waiting.followed_by(block.part(wanted)) if len(waiting) else block.part(wanted)
             logged = found.heads['logged']
             if (logged[1:] < logged[:-1]).any():
                 found = found.part(np.argsort(logged, kind='stable'))
             # A recorder with several threads writes some messages after later ones, even into the next chunk.
             ready = int(np.searchsorted(found.heads['logged'], until_ns, side='right'))
-            waiting = found.part(slice(ready, None)) if ready < len(found) else None
+            waiting = found.part(slice(ready, None))
             if ready:
                 yield found.part(slice(ready))
 
@@ -315,9 +314,6 @@ class McapFile:
                 return None
             if opcode == Opcode.CHUNK:
                 return parse_records(_unpacked(self._read(at, size)))._replace(size=size, is_chunk=True)
-            if opcode == Opcode.METADATA:
-                content = _parsed(Metadata, self._read(at + HEAD.size, length)).metadata
-                self.description = content.get('serialized_metadata', self.description)
             if opcode != Opcode.MESSAGE and opcode not in DEFINITIONS:
                 return Part(size)
             # Records outside of chunks mostly follow each other.

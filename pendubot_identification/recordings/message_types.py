@@ -61,10 +61,7 @@ def _register(store: Typestore, type_name: str) -> None:
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
     paths = [Path(prefix, 'share', package, 'msg', f'{name}.msg') for prefix in prefixes if prefix]
     if (path := next(filter(Path.is_file, paths), None)) is None:
-        raise BagError(
-            f'the definition of {type_name} is not installed (no share/{package}/msg/{name}.msg); install {package} '
-            'or source the workspace that has it'
-        )
+        raise BagError(f'share/{package}/msg/{name}.msg is not installed; install {package} or source its workspace')
     definitions = get_types_from_msg(path.read_text(encoding='utf-8'), type_name)
     for _, fields in definitions.values():
         for _, (kind, detail) in fields:

@@ -1,22 +1,26 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The content of bags and of files with columns, as ``pendubot info`` shows it: times, losses, ranges."""
+"""The content of bags and of files with columns: times, losses, ranges, and how they are read."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.errors import PendubotError
+from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .bag_reader import BagReader
-from .joint_states import STAMP, stamps_ns
+from .bag_reader import BagReader, BagWindow, Reader, open_recording, read_trajectory
+from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, STAMP, decode_joint_state, stamps_ns
 from .mcap_file import FIELDS
 from .table_reader import TableReader
 
@@ -61,10 +65,10 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
                 numbers.append(own.heads['sequence'])
                 if channel.schema_id in with_header and own.heads['length'].min() >= FIELDS + STAMP.itemsize:
                     stamps.append(stamps_ns(own.contents(STAMP)))
-    found = []
-    for name, (type_name, _) in bag.topics.items():
-        found.append({'name': name, 'type': type_name} | _in_numbers(*map(np.concatenate, columns[name])))
-    return found
+    return [
+        {'name': name, 'type': type_name} | _in_numbers(*map(np.concatenate, columns[name]))
+        for name, (type_name, _) in bag.topics.items()
+    ]
 
 
 def _in_numbers(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> dict[str, Any]:
@@ -96,22 +100,21 @@ def regularity(times_ns: NDArray[np.int64]) -> dict[str, Any]:
     """
     steps = np.diff(times_ns)
     # A time that runs back does not shorten the next gap.
-    ahead = np.maximum.accumulate(times_ns)
-    ahead = ahead[np.diff(ahead, prepend=ahead[:1] - 1) > 0]
+    ahead = np.unique(np.maximum.accumulate(times_ns))
     intervals = np.diff(ahead)
-    found: dict[str, Any] = {'period': None, 'jitter': None, 'longest': float(intervals.max(initial=0)) / 1e9}
-    found |= {'gaps': 0, 'missing': 0, 'first_gap': None}
-    if len(intervals) >= SETTINGS.minimum_intervals:
-        period = float(np.median(intervals))
-        late = np.flatnonzero(intervals > SETTINGS.gap * period)
-        found |= {
-            'period': period / 1e9,
-            'jitter': float(np.quantile(np.abs(intervals - period), 0.99)) / 1e9,
-            'gaps': len(late),
-            'missing': int(np.rint(intervals[late] / period - 1).sum()),
-            'first_gap': float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else None,
-        }
-    return found | {'repeated': int((steps == 0).sum()), 'backwards': int((steps < 0).sum())}
+    known = len(intervals) >= SETTINGS.minimum_intervals
+    period = float(np.median(intervals)) if known else math.nan
+    late = np.flatnonzero(intervals > SETTINGS.gap * period)
+    return {
+        'period': period / 1e9 if known else None,
+        'jitter': float(np.quantile(np.abs(intervals - period), 0.99)) / 1e9 if known else None,
+        'longest': float(intervals.max(initial=0)) / 1e9,
+        'gaps': len(late),
+        'missing': int(np.rint(intervals[late] / period - 1).sum()),
+        'first_gap': float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else None,
+        'repeated': int((steps == 0).sum()),
+        'backwards': int((steps < 0).sum()),
+    }
 
 
 def missing_numbers(numbers: NDArray[np.int64], before: int = 0) -> int:
@@ -167,11 +170,8 @@ def guesses(motion: Trajectory) -> Iterator[str]:
     if not torque.any():
         yield 'the torque is zero throughout: is it another column? --columns tau1=NAME'
     rotation = np.ptp(motion.q[: SETTINGS.resting], axis=0).max()
-    if (
-        torque[0] <= SETTINGS.little * torque.max()
-        and rotation < SETTINGS.little
-        and abs(motion.q[0, 0]) < SETTINGS.little
-    ):
+    unloaded = torque[0] <= SETTINGS.little * torque.max()
+    if unloaded and max(rotation, abs(motion.q[0, 0])) < SETTINGS.little:
         yield 'at rest without torque link 1 hangs, and q1 is 0 there: --zero hanging?'
 
 
@@ -192,3 +192,47 @@ def as_text(found: dict[str, Any]) -> str:
     for name, values in found['quantities'].items():
         lines.append(f'{f"{name} [{UNITS[name]}]":12}' + ''.join(f'{value:12.4g}' for value in values.values()))
     return '\n'.join([*lines, *(f'looks odd {guess}' for guess in found['guesses'])])
+
+
+@dataclass
+class Inspection:
+    """How a recording is read."""
+
+    columns: list[str] = field(default_factory=list)  #: the names of a file's columns.
+    units: list[str] = field(default_factory=list)  #: of these, if a header or a row gives them.
+    taken: dict[str, str] = field(default_factory=dict)  #: the column of each quantity.
+    topics: list[str] = field(default_factory=list)  #: of a bag, those of JointStates.
+    joints: list[str] = field(default_factory=list)  #: the names of the joints on the topic.
+    options: dict[str, str] = field(default_factory=dict)  #: by which it is read, as texts by name.
+    taken_as: str = ''  #: the options that the file's own names and units stand for, as on the command line.
+    survey: dict[str, Any] | None = None  #: of a file, as ``pendubot info --json`` prints it.
+    motion: Trajectory | None = None  #: the samples, converted; None if they cannot be read.
+    problem: PendubotError | None = None  #: why they cannot be read; its ``remedy`` has options that correct that.
+
+
+def inspect_recording(
+    window: BagWindow,
+    conversion: Conversion,
+    topic: str = JOINT_STATES_TOPIC,
+    joint_names: Sequence[str] = JOINT_NAMES,
+) -> Inspection:
+    """Return how a window of a recording is read; a recording that cannot be read is described as far as possible."""
+    found = Inspection(options=conversion.words())
+    reader: Reader | None = None
+    try:
+        reader = open_recording(window.path, conversion)
+        recorded = read_trajectory(window, topic=topic, joint_names=joint_names, conversion=conversion, reader=reader)
+        found.motion = recorded.trajectory
+    except PendubotError as error:
+        found.problem = error
+    with suppress(PendubotError):  # all that follows a problem stays unknown
+        if isinstance(reader, BagReader):
+            found.topics = [name for name, (kind, count) in reader.topics.items() if kind == JOINT_STATE and count]
+            if topic in found.topics:
+                found.joints = list(decode_joint_state(next(iter(next(reader.messages([topic])))).data).name)
+        elif reader is not None and 'table' in vars(reader):  # else it would be read, and fail, again
+            found.columns, found.units = list(reader.table.names), [reader.unit(name) for name in reader.table.names]
+            found.taken_as, found.options = reader.taken_as, reader.conversion.words()
+            found.taken = {q: column for q, column in reader.conversion.names.items() if column in found.columns}
+            found.survey = survey_table(reader)
+    return found

@@ -107,11 +107,7 @@ class TableReader:
 
     @cached_property
     def taken(self) -> dict[str, str]:
-        """The columns to use, by quantity.
-
-        Raises:
-            TableError: a required or named column is missing or not the only one, or the torque is a motor current.
-        """
+        """The columns to use, by quantity. May raise TableError."""
         names, conversion = self.table.names, self.conversion
         taken = {name: column for name, column in conversion.names.items() if column in names}
         if several := [column for column in taken.values() if names.count(column) > 1]:
@@ -150,11 +146,7 @@ class TableReader:
 
     @cached_property
     def motion(self) -> Trajectory:
-        """The complete motion, t from the first sample.
-
-        Raises:
-            TableError: the file cannot be read, a column is missing, a value is no number, stamps do not increase.
-        """
+        """The complete motion, t from the first sample. May raise TableError."""
         conversion = self.conversion
         values = {name: self._numbers(column) for name, column in self.taken.items()}
         complete = np.isfinite(np.column_stack(list(values.values()))).all(axis=1)

@@ -10,12 +10,11 @@ import csv
 import gzip
 import re
 import shlex
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +25,7 @@ from pendubot_identification.trajectories.conversion import Conversion
 
 from .columns import is_unit
 
-#: Every version of MATLAB can do this.
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
-
-
 #: The largest content that is unpacked from a compressed file [bytes]: a tenth of it holds every recording.
 LARGEST = 1 << 29
 
@@ -45,11 +41,7 @@ class Table(NamedTuple):
 
 
 def read_table(path: Path, conversion: Conversion) -> Table:
-    """Read a file with columns; the ending of its name gives its format.
-
-    Raises:
-        TableError: it cannot be read, or holds no columns.
-    """
+    """Read a file with columns; the ending of its name gives its format. May raise TableError."""
     read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):
@@ -61,6 +53,10 @@ def read_table(path: Path, conversion: Conversion) -> Table:
         raise TableError(f'{path} cannot be read: {why}; check its name and permissions') from error
     except ImportError as error:
         raise TableError(f'reading {path} needs {packages}: pip install {packages}; or {WRITETABLE}') from error
+    except (TableError, MemoryError):
+        raise
+    except Exception as error:  # the libraries raise many types for damaged files
+        raise TableError(f'{path} is no {path.suffix} file that can be read ({error}); export it again') from error
     if not table.names:
         raise TableError(f'{path} holds no columns of numbers; export it again')
     return table
@@ -75,11 +71,8 @@ def _decoded(path: Path, encoding: str) -> str:
     """Return the text of a file; without an encoding, of UTF-8, UTF-16, or else of Windows-1252 (Latin-1)."""
     data = path.read_bytes()
     if path.suffix.lower() == '.gz':
-        try:
-            with gzip.open(path) as unpacked:
-                data = unpacked.read(LARGEST + 1)
-        except (OSError, EOFError, zlib.error) as error:
-            raise TableError(f'{path} is no complete gzip file ({error}); copy it again') from error
+        with gzip.open(path) as unpacked:
+            data = unpacked.read(LARGEST + 1)
         _refuse_large(path, len(data))
     if not encoding:
         utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -92,9 +85,7 @@ def _decoded(path: Path, encoding: str) -> str:
     try:
         return data.decode(encoding)
     except (UnicodeDecodeError, LookupError) as error:
-        raise TableError(
-            f'{path} is no text in {encoding}; export it as CSV in UTF-8, or name its encoding with --encoding NAME'
-        ) from error
+        raise TableError(f'{path} is no text in {encoding}; export it in UTF-8, or add --encoding NAME') from error
 
 
 def _text(path: Path, conversion: Conversion) -> Table:
@@ -104,18 +95,14 @@ def _text(path: Path, conversion: Conversion) -> Table:
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
     if any(line.startswith('# name: ') for line in lines[:10]):
         return _octave(lines)
-    # Excel may write the separator in a line of its own, and numpy a # before the names.
-    first = conversion.skip_rows
-    separator = re.fullmatch(r'"?sep=(.)"?', lines[first], re.IGNORECASE) if len(lines) > first else None
-    first += bool(separator)
-    title = lines[first].lstrip('# ') if len(lines) > first else ''
+    above = conversion.skip_rows
+    title = lines[above].lstrip('# ') if len(lines) > above else ''  # numpy writes a # before the names
     likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
-    delimiter = separator[1] if separator else max(likely, key=title.count)
-    reader = csv.reader([title, *lines[first + 1 :]], delimiter=delimiter, skipinitialspace=True)
+    delimiter = max(likely, key=title.count)
+    reader = csv.reader([title, *lines[above + 1 :]], delimiter=delimiter, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
     if all(map(_is_number, names)) and len(names) > 1:
-        first -= 1
-        reader = csv.reader(lines[first + 1 :], delimiter=delimiter, skipinitialspace=True)
+        reader = csv.reader(lines[above:], delimiter=delimiter, skipinitialspace=True)
         names = [str(k + 1) for k in range(len(names))]
     numbers, rows = list[int](), list[list[str]]()
     for row in reader:
@@ -124,14 +111,11 @@ def _text(path: Path, conversion: Conversion) -> Table:
             row.pop()
         if not any(map(str.strip, row)):
             continue
-        numbers.append(first + reader.line_num)
+        numbers.append(above + reader.line_num)
         rows.append(row)
         if len(row) != len(names):
-            if len(rows) == 1 and not conversion.skip_rows and (above := _lines_above(lines)):
-                raise TableError(
-                    f'{path} has its column names in line {above + 1}, line 1 is expected: add --skip-rows {above}',
-                    skip_rows=str(above),
-                )
+            if len(rows) == 1 and not above and (above := _lines_above(lines)):
+                raise _names_below(path, 'line', above)
             comma = delimiter == ',' and len(row) > len(names)
             why = 'decimals may be written with commas: write them with points, or ' if comma else ''
             raise TableError(
@@ -143,12 +127,16 @@ def _text(path: Path, conversion: Conversion) -> Table:
     return Table(names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers, units)
 
 
+def _names_below(path: Path, row: str, above: int) -> TableError:
+    return TableError(
+        f'{path} has its column names in {row} {above + 1}, {row} 1 is expected: add --skip-rows {above}',
+        skip_rows=str(above),
+    )
+
+
 def _refuse_large(path: Path, size: int) -> None:
     if size > LARGEST:
-        raise TableError(
-            f'{path} unpacks to more than {LARGEST >> 20} MB, which no recording of a pendubot does; is it another '
-            'file? export the recording alone'
-        )
+        raise TableError(f'{path} unpacks to more than {LARGEST >> 20} MB; export the recording alone')
 
 
 def _refuse_large_zip(path: Path) -> None:
@@ -191,35 +179,27 @@ def _excel(path: Path, conversion: Conversion) -> Table:
     """Read a sheet: a row of column names, and rows."""
     import pandas
 
-    try:
-        _refuse_large_zip(path)
-        with pandas.ExcelFile(path, engine='openpyxl') as book:
-            sheets = book.sheet_names
-            sheet = conversion.sheet or sheets[0]
-            if sheet not in sheets:
-                raise TableError(f'{path} has no sheet {sheet}; its sheets are {", ".join(sheets)}: add --sheet NAME')
+    _refuse_large_zip(path)
+    with pandas.ExcelFile(path, engine='openpyxl') as book:
+        sheets = book.sheet_names
+        sheet = conversion.sheet or sheets[0]
+        if sheet not in sheets:
+            raise TableError(f'{path} has no sheet {sheet}; its sheets are {", ".join(sheets)}: add --sheet NAME')
 
-            def read(name: str) -> Any:
-                return pandas.read_excel(book, name, header=None, skiprows=conversion.skip_rows).dropna(how='all')
+        def read(name: str) -> Any:
+            return pandas.read_excel(book, name, header=None, skiprows=conversion.skip_rows).dropna(how='all')
 
-            frame = read(sheet)
-            if frame.shape[1] < len(REQUIRED) and not conversion.sheet:
-                other = next((name for name in sheets[1:] if read(name).shape[1] >= len(REQUIRED)), None)
-                if other is not None:
-                    raise TableError(
-                        f'the sheet {sheet} of {path} holds no recording: add --sheet {shlex.quote(other)}', sheet=other
-                    )
-    except (BadZipFile, ValueError, KeyError, TypeError) as error:
-        raise TableError(f'{path} is no Excel file ({error}); save it as .xlsx or .csv') from error
+        frame = read(sheet)
+        if frame.shape[1] < len(REQUIRED) and not conversion.sheet:
+            other = next((name for name in sheets[1:] if read(name).shape[1] >= len(REQUIRED)), None)
+            if other is not None:
+                found = f'the sheet {sheet} of {path} holds no recording'
+                raise TableError(f'{found}: add --sheet {shlex.quote(other)}', sheet=other)
     if frame.empty:
         return Table([], [])
     filled = frame.head(100).notna().sum(axis=1)
     if filled.iloc[0] < len(REQUIRED) <= filled.max() and not conversion.skip_rows:
-        above = int(filled.index[filled >= len(REQUIRED)][0])
-        raise TableError(
-            f'{path} has its column names in row {above + 1}, row 1 is expected: add --skip-rows {above}',
-            skip_rows=str(above),
-        )
+        raise _names_below(path, 'row', int(filled.index[filled >= len(REQUIRED)][0]))
     names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
     units = _units(list(rows.iloc[0])) if len(rows) else ()
     rows = rows.iloc[1:] if units else rows
@@ -227,39 +207,30 @@ def _excel(path: Path, conversion: Conversion) -> Table:
 
 
 def _numpy(path: Path, _: Conversion) -> Table:
-    try:
-        _refuse_large_zip(path)
-        with np.load(path) as found:
-            return _of_variables(dict(found))
-    except (ValueError, BadZipFile, EOFError) as error:
-        raise TableError(f'{path} is no .npz file of numbers ({error}); save it again with numpy.savez') from error
+    _refuse_large_zip(path)
+    with np.load(path) as found:
+        return _of_variables(dict(found))
 
 
 def _parquet(path: Path, _: Conversion) -> Table:
     import pandas
-    import pyarrow
 
-    try:
-        frame = pandas.read_parquet(path, engine='pyarrow')
-    except pyarrow.ArrowException as error:
-        raise TableError(f'{path} is no Parquet file ({error}); export it again') from error
+    frame = pandas.read_parquet(path, engine='pyarrow')
     return Table(list(frame.columns), [frame.iloc[:, k] for k in range(frame.shape[1])])
 
 
 def _matlab(path: Path, _: Conversion) -> Table:
     """Read variables, or the fields of structs, of version 5 to 7.3."""
     from scipy.io import loadmat
-    from scipy.io.matlab import MatlabOpaque, MatReadError
+    from scipy.io.matlab import MatlabOpaque
 
     try:
         found = loadmat(path, simplify_cells=True)
-        variables = {name: value for name, value in found.items() if not name.startswith('__')}
-        if any(isinstance(value, MatlabOpaque) for value in variables.values()):
-            raise _opaque(path)
     except NotImplementedError:
-        variables = _matlab_73(path)
-    except (MatReadError, ValueError, TypeError, KeyError, EOFError, IndexError) as error:
-        raise TableError(f'{path} is no MATLAB file that can be read ({error}); save it again') from error
+        return _of_variables(_matlab_73(path))
+    variables = {name: value for name, value in found.items() if not name.startswith('__')}
+    if any(isinstance(value, MatlabOpaque) for value in variables.values()):
+        raise _opaque(path)
     return _of_variables(variables)
 
 
@@ -294,19 +265,19 @@ def _leaves(variables: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str,
     for name, value in variables.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, *at, name)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 1:
-            yield (*at, name), value
-        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu' and value.ndim == 2:
-            # The longer dimension is time.
-            columns = value.T if len(value) >= len(value.T) else value
-            yield from (((*at, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
+        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu':
+            if value.ndim == 1:
+                yield (*at, name), value
+            if value.ndim == 2:
+                # The longer dimension is time.
+                columns = value.T if len(value) >= len(value.T) else value
+                yield from (((*at, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
 
 
 def _opaque(path: Path) -> TableError:
     return TableError(
-        f'{path} holds a table, timetable or other object, which MATLAB alone can read; in MATLAB, '
-        "writetable(timetable2table(T), 'run.csv') makes a text file of a timetable T, and writetable(T, 'run.csv') of "
-        'a table'
+        f'{path} holds a table or timetable T, which MATLAB alone can read; in MATLAB, '
+        "writetable(timetable2table(T), 'run.csv') makes a text file of it"
     )
 
 

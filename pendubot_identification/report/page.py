@@ -206,5 +206,5 @@ def _write(
         for written in (part, str(escape(part)), quote(part)):
             page = page.replace(written, '')
     drawn = {f'{p.name}.{ending}': content for p in static for ending, content in p.files('svg', 'png').items()}
-    folder.write_together({**files, **drawn, 'report.html': page})
+    folder.write({**files, **drawn, 'report.html': page})
     return (folder.path / 'report.html').absolute()

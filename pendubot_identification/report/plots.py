@@ -331,10 +331,7 @@ class Prepared:
         """Return how well another result, and this one, predict the validation data or, without any, all data."""
         best, (other, name) = answers(self.result)[self.result.criterion], beside
         motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
-        return {
-            title: predicted(predict(motions, theta, best.delay, self.scale), Predicted)
-            for title, theta in vectors.items()
-        }
+        return {title: predicted(predict(motions, theta, best.delay, self.scale)) for title, theta in vectors.items()}
 
     def pictures(self) -> Iterator[Wanted]:
         """Yield the subject of each picture of the recordings, and the function that draws it."""

@@ -56,7 +56,7 @@ def detail_table(result: Result, beside: Beside | None = None) -> Table:
             for other, value in zip(answer.parameters, correlation.get(name, ()), strict=False)
             if other != name and value is not None and abs(value) > ASSESSMENT.correlated
         ]
-        doubts = dict.fromkeys([_doubt(entry), (result.not_covered or {}).get(name, ''), *together])
+        doubts = dict.fromkeys([_doubt(entry), result.not_covered.get(name, ''), *together])
         rows.append(
             [f'{name} [{entry.unit}]', MEANINGS[name], _interval(entry, format), '; '.join(filter(None, doubts))]
         )

@@ -47,7 +47,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         model=best.model,
         not_in_model=[f'{name}, for the effort of the {joints[name]} is zero throughout' for name in best.absent],
         smoothing=known(found.smoothing),
-        prediction=predicted(best.prediction, tree.SelectedPrediction, method=found.validation),
+        prediction=predicted(best.prediction, found.validation),
         link_length=tree.LinkLength(value=length, std_error=length_error, expected=settings.link_length),
         criteria=answers,
         covariance=known(best.covariance[np.ix_(best.present, best.present)]),
@@ -78,11 +78,9 @@ def _faults(found: Identification) -> list[tree.DataFault]:
 
 def _uncorrected(found: Identification) -> tree.Uncorrected:
     best = found.best
+    prediction = predicted(best.prediction, found.validation)
     return tree.Uncorrected(
-        level=best.level,
-        faults=_faults(found),
-        parameters={NAMES[k]: _parameter(best, k) for k in np.flatnonzero(best.present).tolist()},
-        prediction=predicted(best.prediction, tree.SelectedPrediction, method=found.validation),
+        level=best.level, faults=_faults(found), parameters=_parameters(best), prediction=prediction
     )
 
 
@@ -99,7 +97,7 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
     return _entry(
         tree.CriterionAnswer,
         e,
-        parameters={NAMES[k]: _parameter(e, k) for k in np.flatnonzero(e.present).tolist()},
+        parameters=_parameters(e),
         effort=tree.EffortTiming(
             hold=effort.hold,
             delay=known(effort.delay),
@@ -116,7 +114,7 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
             validation=known(e.J_validation),
             validation_runs=known(e.J_validation_runs),
         ),
-        prediction=predicted(e.prediction, tree.Predicted),
+        prediction=predicted(e.prediction, found.validation),
         zeros=_zeros(e),
         mde=search,
         convergence=convergence,
@@ -124,25 +122,26 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
     )
 
 
-def predicted(prediction: Prediction, kind: type[T], **others: Any) -> T:
-    """Return the entry of a prediction."""
+def predicted(prediction: Prediction, method: str = '') -> tree.Predicted:
+    """Return the entry of a prediction; ``method`` says which data were predicted from which."""
     fit = dict(zip(('q1', 'q2', 'dq1', 'dq2'), known(prediction.fit.T), strict=True))
-    return _entry(kind, prediction, horizons=list(HORIZONS), fit=fit, **others)
+    return _entry(tree.Predicted, prediction, horizons=list(HORIZONS), fit=fit, method=method)
 
 
-def _parameter(e: Estimate, k: int) -> tree.Parameter:
-    fixed = bool(e.fixed[k])
-    low, high = known(e.intervals[k])
-    return tree.Parameter(
-        value=float(e.theta[k]),
-        std_error=known(e.std_error[k]),
-        degrees_of_freedom=known(np.broadcast_to(e.freedom, e.theta.shape)[k]),
-        interval=(low, high),
-        unit=UNITS[k],
-        on_bound=not (e.free[k] or fixed),
-        determined=None if fixed else bool(e.determined[k]),
-        fixed=fixed,
-    )
+def _parameters(e: Estimate) -> dict[str, tree.Parameter]:
+    return {
+        NAMES[k]: tree.Parameter(
+            value=float(e.theta[k]),
+            std_error=known(e.std_error[k]),
+            degrees_of_freedom=known(np.broadcast_to(e.freedom, e.theta.shape)[k]),
+            interval=tuple(known(e.intervals[k])),
+            unit=UNITS[k],
+            on_bound=not (e.free[k] or e.fixed[k]),
+            determined=None if e.fixed[k] else bool(e.determined[k]),
+            fixed=bool(e.fixed[k]),
+        )
+        for k in np.flatnonzero(e.present).tolist()
+    }
 
 
 def _zeros(e: Estimate) -> list[tree.ZeroError]:

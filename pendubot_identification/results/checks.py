@@ -23,19 +23,12 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found.
+    """What a check found."""
 
-    Attributes:
-        check: ``reading``, ``stamps``, ``gaps``, ``limits``, ``conventions`` or ``excitation``.
-        level: OK, or how severe the finding is.
-        sentence: for the user.
-        remedy: the options of reading that correct it, as texts by name; empty where none do.
-    """
-
-    check: str
-    level: Level
-    sentence: str
-    remedy: Mapping[str, str] = field(default_factory=dict)
+    check: str  #: ``reading``, ``stamps``, ``gaps``, ``limits``, ``conventions`` or ``excitation``.
+    level: Level  #: OK, or how severe the finding is.
+    sentence: str  #: for the user.
+    remedy: Mapping[str, str] = field(default_factory=dict)  #: options of reading that correct it, as texts by name.
 
 
 def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings) -> list[Finding]:
@@ -43,16 +36,13 @@ def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings)
     try:
         data = load(settings.reading)
     except PendubotError as error:
-        return [_refusal('reading', error)]
-    motions = [*data.training, *data.validation]
-    notes = [Finding('reading', Level.WARN, note) for note in data.notes]
-    return [*(notes or [_reading(data)]), *_of_samples(motions), *_of_motion(data, settings)]
-
-
-def _reading(data: Datasets) -> Finding:
-    samples = [sum(map(len, part)) for part in (data.training, data.validation)]
-    validation = f'{samples[1]} validate' if samples[1] else 'each part is predicted from the others'
-    return Finding('reading', Level.OK, f'{samples[0]} samples estimate, {validation}')
+        return [Finding('reading', Level.ERROR, str(error), error.remedy)]
+    training, validation = (sum(map(len, part)) for part in (data.training, data.validation))
+    validated = f'{validation} validate' if validation else 'each part is predicted from the others'
+    read = [Finding('reading', Level.WARN, note) for note in data.notes] or [
+        Finding('reading', Level.OK, f'{training} samples estimate, {validated}')
+    ]
+    return [*read, *_of_samples([*data.training, *data.validation]), *_of_motion(data, settings)]
 
 
 def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
@@ -62,7 +52,8 @@ def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
     gaps = sum(each['gaps'] for each in measured)
     longest = 1e3 * max(each['longest'] for each in measured)
     some = f'{gaps} gaps, so short that the motion is known there' if gaps else 'none'
-    torque, speed = (max(float(np.abs(x).max()) for x in each) for each in ([m.tau for m in motions], _speeds(motions)))
+    torque = max(np.abs(m.tau).max() for m in motions)
+    speed = max(np.abs(np.diff(m.q, axis=0) / np.diff(m.t)[:, None]).max() for m in motions)
     fine = {
         'stamps': f'a sample every {1e3 * period:.4g} ms; 99 % of them within {max(1e3 * jitter, 1e-3):.3g} ms of that',
         'gaps': f'{some}; the longest interval is {longest:.4g} ms',
@@ -75,16 +66,13 @@ def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
             yield Finding(name, Level.OK, fine[name])
 
 
-def _speeds(motions: Sequence[Trajectory]) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
-    return [np.diff(motion.q, axis=0) / np.diff(motion.t)[:, None] for motion in motions]
-
-
 def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
     """Yield whether conventions are right, and whether the motion determines the parameters."""
     try:
         faults = check(data.training, data.validation, settings)
     except PendubotError as error:
-        yield _refusal('excitation' if isinstance(error, ExcitationError) else 'gaps', error)
+        check_of = 'excitation' if isinstance(error, ExcitationError) else 'gaps'
+        yield Finding(check_of, Level.ERROR, str(error), error.remedy)
         return
     for fault in faults:
         corrected = fault.corrected_conversion
@@ -94,7 +82,3 @@ def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
     moved = np.max([np.ptp(motion.q, axis=0) for motion in data.training], axis=0)
     text = f'the joints move over {moved[0]:.3g} and {moved[1]:.3g} rad, and all parameters are identifiable'
     yield Finding('excitation', Level.OK, text)
-
-
-def _refusal(name: str, error: PendubotError) -> Finding:
-    return Finding(name, Level.ERROR, str(error), error.remedy)

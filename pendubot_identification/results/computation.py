@@ -1,32 +1,70 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An identification in a process of its own, which can be stopped at any moment. Needs no ROS.
+"""Identifies recordings, on request corrected as they need it, also in a process that can be stopped at any moment.
 
-A thread could not be stopped: some stages take seconds between two reports of progress. The parent process writes a
-pickled :class:`Request` to the child process, which answers with pickled reports of progress and a result.
+A thread could not be stopped: some stages take seconds between two reports of progress.
 """
 
 from __future__ import annotations
 
 import os
-import pickle
-import subprocess
 import sys
 import traceback
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from pickle import UnpicklingError
 
 from pendubot_identification.errors import PendubotError, sentence
 from pendubot_identification.identify.estimate import Progress
+from pendubot_identification.identify.identification import Identification
+from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
-from pendubot_identification.recordings.datasets import load_datasets
-from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.corrections import identify_recordings
-from pendubot_identification.results.result import Result
+from pendubot_identification.recordings.datasets import Datasets, load_datasets
+from pendubot_identification.trajectories.conversion import Conversion
 
-STOPPED = 'the identification was canceled'
+from .assemble import assemble_result
+from .result import Result
+
+#: Largest number of corrections, the number of options.
+TIMES = 8
+
+
+def identify_recordings(
+    load: Callable[[Conversion], Datasets],
+    settings: Settings,
+    progress: Progress | None = None,
+    *,
+    apply_remedies: bool = False,
+) -> tuple[Identification, Datasets]:
+    """Identify recordings loaded with the settings' conversion; on request, correct it and identify again.
+
+    Raises:
+        PendubotError: the recordings cannot be read or are too little informative, and no correction applies.
+    """
+    given = settings.reading.options()
+    remaining, uncorrected = TIMES if apply_remedies else 0, None
+    while True:
+        applied = settings.applied
+        notes = [f'applied, as the recordings need it: {" ".join(applied)}'] if applied else []
+        try:
+            data = load(settings.reading)
+            found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
+            corrected = found.corrected_conversion
+            if corrected is None or not remaining:
+                return replace(found, uncorrected=uncorrected), data
+            uncorrected = uncorrected or found
+        except PendubotError as error:
+            if not (remaining and error.remedy):
+                raise
+            corrected = Conversion.of(settings.reading.words() | error.remedy)
+            if corrected == settings.reading:
+                raise
+        remaining -= 1
+        settings = replace(settings, reading=corrected, applied=tuple(o for o in corrected.options() if o not in given))
 
 
 @dataclass(frozen=True)
@@ -41,19 +79,13 @@ class Request:
     apply_remedies: bool
 
     def identify(self, progress: Progress) -> Result:
-        """Return the result.
+        """Return the result. Raises PendubotError: see :func:`identify_recordings`."""
 
-        Raises:
-            PendubotError: see :func:`.corrections.identify_recordings`.
-        """
-        found, data = identify_recordings(
-            lambda reading: load_datasets(
-                self.bags, self.validate, topic=self.topic, joint_names=self.joint_names, conversion=reading
-            ),
-            self.settings,
-            progress,
-            apply_remedies=self.apply_remedies,
-        )
+        def load(conversion: Conversion) -> Datasets:
+            joints = self.joint_names
+            return load_datasets(self.bags, self.validate, topic=self.topic, joint_names=joints, conversion=conversion)
+
+        found, data = identify_recordings(load, self.settings, progress, apply_remedies=self.apply_remedies)
         return assemble_result(found, data.sources)
 
 
@@ -65,7 +97,7 @@ class Computation:
     """
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: SpawnProcess | None = None
         self.stopped = False
 
     def stop(self) -> None:
@@ -75,52 +107,36 @@ class Computation:
             self._process.kill()
 
     def run(self, request: Request, progress: Progress) -> Result:
-        """Identify.
-
-        Raises:
-            PendubotError: the identification failed or was stopped.
-        """
-        # The same modules as here, whatever the current folder holds.
-        code = f'import sys; sys.path[:] = {sys.path!r}; from {__name__} import main; main()'
-        command = [sys.executable, '-c', code, *(['--debug'] if '--debug' in sys.argv else [])]
-        # In a session of its own, so that a Ctrl-C in the terminal reaches the node alone.
-        with subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        ) as process:
-            self._process = process
-            assert process.stdin is not None
-            assert process.stdout is not None
-            if self.stopped:
-                process.kill()
-            try:
-                process.stdin.write(pickle.dumps(request))
-                process.stdin.flush()
-                while isinstance(answer := pickle.load(process.stdout), tuple):
-                    progress(*answer)
-            except (EOFError, OSError, pickle.UnpicklingError):
-                process.kill()
-                answer = f'the process of the identification ended with status {process.wait()}; look at the system log'
+        """Identify. Raises PendubotError: the identification failed or was stopped."""
+        context = get_context('spawn')
+        answers, end = context.Pipe(duplex=False)
+        process = context.Process(target=_answer, args=(request, end, '--debug' in sys.argv), daemon=True)
+        process.start()
+        end.close()
+        self._process = process
+        if self.stopped:
+            process.kill()
+        try:
+            while isinstance(answer := answers.recv(), tuple):
+                progress(*answer)
+        except (EOFError, OSError, UnpicklingError):
+            process.kill()
+            process.join()
+            answer = f'the process of the identification ended with status {process.exitcode}; look at the system log'
+        process.join()
         if self.stopped or isinstance(answer, str):
-            raise PendubotError(STOPPED if self.stopped else answer)
+            raise PendubotError('the identification was canceled' if self.stopped else answer)
         return answer
 
 
-def main() -> None:
-    """Read a request, and write progress as tuples, then the result, or the sentence of an error."""
-    # Whatever is printed must not come between the answers.
-    answers = os.fdopen(os.dup(1), 'wb')
-    os.dup2(2, 1)
-
-    def send(answer: Any) -> None:
-        pickle.dump(answer, answers)
-        answers.flush()
-
-    request = pickle.load(sys.stdin.buffer)
+def _answer(request: Request, end: Connection, debug: bool) -> None:
+    """Send progress as tuples, then the result, or the sentence of an error."""
+    os.setsid()  # so that a Ctrl-C in the terminal reaches the node alone
     try:
-        send(request.identify(lambda *step: send(step)))
+        end.send(request.identify(lambda *step: end.send(step)))
     except BrokenPipeError:
-        os._exit(1)  # the node has ended
+        pass  # the node has ended
     except Exception as error:
-        if '--debug' in sys.argv:
+        if debug:
             traceback.print_exception(error)
-        send(sentence(error))
+        end.send(sentence(error))

@@ -18,7 +18,7 @@ from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import QUANTITIES, Conversion
 
-from .result_file import read_parameters
+from .result_file import read_result
 
 #: Options with another name in Python.
 RENAMED = {'joints': 'joint_names', 'force': 'overwrite=True'}
@@ -74,22 +74,19 @@ def as_arguments(text: str) -> str:
 
     Options that Python does not have, such as those of other subcommands, stay as they are.
     """
-    return re.sub(r'--([a-z]+(?:-[a-z]+)*)((?:\s|=)(?:\'[^\']*\'|\S*))?', _argument, text)
+    return re.sub(r"--([a-z]+(?:-[a-z]+)*)([ =](?:'[^']*'|\S*[^\s.,;:?)\]]))?", _argument, text)
 
 
 def _argument(found: re.Match[str]) -> str:
     """Return an option, and the word after it if that is its value, as an argument."""
     name, after = found[1].replace('-', '_'), found[2] or ''
-    if name in RENAMED:
-        return RENAMED[name] + after
     option = next((option for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if option.name == name), None)
     if option is None:
-        return found[0]
+        return RENAMED[name] + after if name in RENAMED else found[0]
     if isinstance(option.default, bool):
         return f'{name}=True{after}'
-    value = after[1:].rstrip('.,;:?)]')
-    written = _as_literal(option, value.strip("'"))
-    return f'{name}={written}{after[1 + len(value) :]}' if written else name + after
+    written = _as_literal(option, after[1:].strip("'"))
+    return f'{name}={written}' if written else name + after
 
 
 def _as_literal(option: Setting, value: str) -> str:
@@ -118,5 +115,5 @@ def _value(option: Setting, value: Any) -> Any:
     if option is DELAY:
         return interval_of('delay', value, '0:0.02')
     if option is START:
-        return value if isinstance(value, Parameters) else read_parameters(Path(value))
+        return value if isinstance(value, Parameters) else read_result(Path(value)).theta
     return option.parse(value)

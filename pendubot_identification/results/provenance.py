@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,14 +36,9 @@ class Answer(NamedTuple):
 
 
 def recordings(result: Result, folder: Path | None = None) -> tuple[list[Trajectory], list[Trajectory]]:
-    """Read the bags of a result again, divided as they were.
+    """Read the bags of a result again, from their present ``folder`` or their former one.
 
-    Args:
-        result: of an identification.
-        folder: the present folder of the bags; None: their former one.
-
-    Returns:
-        Motions for training, motions for validation.
+    Returns motions for training and for validation, divided as they were.
 
     Raises:
         BagError: a bag is missing, or has changed.
@@ -51,46 +47,38 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
     found: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
     conversion = Conversion.of(result.reading)
     for source in result.bags:
+        if source.bag.endswith(IN_MEMORY):
+            raise MissingFileError('the recordings were in memory, in no file; identify again')
         window = BagWindow.parse(source.bag)
         if folder is not None:
-            window = BagWindow(folder / window.path.name, window.start, window.end)
-        if source.bag.endswith(IN_MEMORY):
-            raise MissingFileError(
-                'the recordings were in memory, and a result file does not hold them; identify again'
-            )
+            window = replace(window, path=folder / window.path.name)
         if not window.path.exists():
             raise MissingFileError(
-                f'there is no bag {window.path}, from which this result was made; was it moved, or is this another '
-                'folder? --bags FOLDER names its present folder'
+                f'there is no bag {window.path}, from which this result was made; name its folder: --bags FOLDER'
             )
         recorded = read_trajectory(window, topic=source.topic, joint_names=source.joint_names, conversion=conversion)
         if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag from which this result was made: its SHA-256 begins with '
-                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; --bags FOLDER names the folder of that one'
+                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; name the folder of that one: --bags FOLDER'
             )
-        motion, samples = recorded.trajectory, source.samples
+        motion = recorded.trajectory
         # A bag without a window was halved into training and validation.
-        part = motion[:samples] if source.role == 'training' else motion[len(motion) - samples :]
-        found[source.role].append(evenly_stamped(part))
+        first = 0 if source.role == 'training' else len(motion) - source.samples
+        found[source.role].append(evenly_stamped(motion[first : first + source.samples]))
     return found['training'], found['validation']
 
 
 def settings(result: Result) -> Settings:
     """Return the settings of a result, except those of MDE and the start of a search."""
     made, size = result.made_by, len(result.made_by.lower_bounds)
+    same = ('model', 'optimizer', 'smoothing', 'hold', 'link_length', 'seed')
     low, high = made.delays
     return Settings(
-        # In earlier versions, the name of likelihood was trajectory.
-        criteria=tuple('likelihood' if name == 'trajectory' else name for name in made.criteria),
-        model=made.model,
-        optimizer=made.optimizer,
+        **{name: getattr(made, name) for name in same},
+        criteria=tuple(made.criteria),
         sliding=made.sliding_window,
-        smoothing=made.smoothing,
-        hold=made.hold,
         delays=(low, high),
-        link_length=made.link_length,
-        seed=made.seed,
         bounds=Bounds(np.array(made.lower_bounds), np.array(made.upper_bounds), NAMES[:size]),
         reading=Conversion.of(result.reading),
     )

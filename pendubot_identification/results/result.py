@@ -92,22 +92,15 @@ def plain(result: PartialResult) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """An estimated parameter.
-
-    Attributes:
-        std_error: standard error, with ``degrees_of_freedom``, which are None for a normal distribution.
-        interval: the 95 % interval.
-        on_bound: whether the estimate lies on a bound of its search interval.
-        determined: whether the motion determines it; None for a parameter that was ``fixed`` at its value.
-    """
+    """An estimated parameter."""
 
     value: Finite
     std_error: Number = None
-    degrees_of_freedom: Number = None
-    interval: tuple[Number, Number] = (None, None)
+    degrees_of_freedom: Number = None  #: of the standard error; None for a normal distribution.
+    interval: tuple[Number, Number] = (None, None)  #: of 95 %.
     unit: str = ''
-    on_bound: bool | None = None
-    determined: bool | None = None
+    on_bound: bool | None = None  #: whether it lies on a bound of its search interval.
+    determined: bool | None = None  #: whether the motion determines it; None if it was fixed.
     fixed: bool = False
 
     @property
@@ -124,9 +117,9 @@ class DataFault:
     name: str
     found: str
     remedy: str
-    unexplained: Number = None
-    corrected: Number = None
-    options: list[str] = field(default_factory=list)
+    unexplained: Number
+    corrected: Number
+    options: list[str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,10 +129,10 @@ class ReportedEffect:
     name: str
     where: str
     sizes: list[Number]
-    gain: Number = None
-    z: Number = None
-    accepted: bool = False
-    moved: list[Number] = field(default_factory=list)
+    gain: Number
+    z: Number
+    accepted: bool
+    moved: list[Number]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,18 +176,12 @@ class CriterionValue:
 class Predicted:
     """By horizon [s]: simulation errors in standard deviations, and the fit of each state in per cent."""
 
+    method: str = ''  #: which data were predicted from which.
     horizons: list[Finite]
     error: list[Number]
     persistence: list[Number]
     fit: dict[str, list[Number]]
     starts: list[int]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SelectedPrediction(Predicted):
-    """The same of the selected criterion; ``method`` says which data were predicted from which."""
-
-    method: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,7 +191,7 @@ class Uncorrected:
     level: LevelByName
     faults: list[DataFault]
     parameters: dict[str, Parameter]
-    prediction: SelectedPrediction
+    prediction: Predicted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,7 +230,7 @@ class CriterionAnswer:
     parameters: dict[str, Parameter]
     level: LevelByName
     warnings: list[str]
-    consequences: list[str] = field(default_factory=list)
+    consequences: list[str]
     effort: EffortTiming
     J: CriterionValue
     prediction: Predicted
@@ -254,7 +241,7 @@ class CriterionAnswer:
     converged: bool
     steps: list[str]
     mde: Search | None
-    convergence: Convergence | None = None
+    convergence: Convergence | None
     uncertainty: str
     correlation: list[list[Number]]
 
@@ -268,10 +255,7 @@ class Software:
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance(Software):
-    """The settings of an identification, see :class:`.settings.Settings`.
-
-    ``applied``: options for reading the recordings that the program chose itself.
-    """
+    """The settings of an identification, see :class:`.settings.Settings`."""
 
     criteria: list[str]
     model: str
@@ -285,7 +269,7 @@ class Provenance(Software):
     seed: int
     lower_bounds: list[Finite]
     upper_bounds: list[Finite]
-    applied: list[str] = field(default_factory=list)
+    applied: list[str]  #: options for reading the recordings that the program chose itself.
 
 
 def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:
@@ -295,17 +279,11 @@ def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:
 
 @dataclass(frozen=True, kw_only=True)
 class PartialResult:
-    """Parameters, and the other entries that every program may rely on; a file written by hand has parameters alone.
+    """Parameters, and the other entries that every program may rely on; a file written by hand has parameters alone."""
 
-    Attributes:
-        parameters: in the order of theta; those that are 0 may be absent.
-        level: None where the parameters were not assessed.
-        not_covered: by name, parameters that the level does not cover, and why; None in results of earlier versions.
-    """
-
-    parameters: dict[str, Parameter]
-    level: LevelByName | None = None
-    not_covered: dict[str, str] | None = None
+    parameters: dict[str, Parameter]  #: in the order of theta; those that are 0 may be absent.
+    level: LevelByName | None = None  #: None where the parameters were not assessed.
+    not_covered: dict[str, str] = field(default_factory=dict)  #: parameters that the level does not cover, and why.
     warnings: list[str] = field(default_factory=list)
     criterion: str | None = None
     model: str | None = None
@@ -326,18 +304,7 @@ class PartialResult:
 
 @dataclass(frozen=True, kw_only=True)
 class Result(PartialResult):
-    """The result of an identification.
-
-    ``field()`` makes entries required that may be absent from a partial result.
-
-    Attributes:
-        consequences: further findings that follow from a severe fault.
-        uncorrected: the result before the corrections in ``made_by.applied``; None where none was applied.
-        unmodelled: fraction of the innovations' variance at shoulder and elbow that no known effect explains.
-        not_in_model: the parameters that this rig cannot have, and why.
-        reading: how the recordings were read, see :class:`.conversion.Conversion`.
-        covariance_rank: below the number of parameters where it comes from few recordings; None in earlier results.
-    """
+    """The result of an identification; ``field()`` requires entries that may be absent from a partial result."""
 
     level: LevelByName = field()
     warnings: list[str] = field()
@@ -346,43 +313,35 @@ class Result(PartialResult):
     effort: EffortTiming = field()
     made_by: Provenance = field()
     bags: list[Source] = field()
-    consequences: list[str] = field(default_factory=list)
-    faults: list[DataFault] = field(default_factory=list)
-    uncorrected: Uncorrected | None = None
-    unmodelled: list[Number] | None = None
-    advice: list[str] = field(default_factory=list)
-    not_in_model: list[str] = field(default_factory=list)
+    consequences: list[str]  #: further findings that follow from a severe fault.
+    faults: list[DataFault]
+    uncorrected: Uncorrected | None  #: the result before ``made_by.applied``; None where nothing was applied.
+    unmodelled: list[Number] | None  #: fraction of both joints' innovation variance that no known effect explains.
+    advice: list[str]
+    not_in_model: list[str]  #: the parameters that this rig cannot have, and why.
     zeros: list[ZeroError]
     smoothing: Finite
     J: CriterionValue
-    prediction: SelectedPrediction
+    prediction: Predicted
     link_length: LinkLength
     condition_number: Number
     criteria: dict[str, CriterionAnswer]
     covariance: list[list[Number]]
-    covariance_rank: int | None = None
-    reading: dict[str, str] = field(default_factory=dict)
+    covariance_rank: int  #: below the number of parameters if it comes from few recordings.
+    reading: dict[str, str]  #: how the recordings were read, see :class:`.conversion.Conversion`.
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tracked:
-    """The history of tracked parameters.
-
-    Attributes:
-        until: the last time [s].
-        notes: remarks, and how often each was made.
-        windows: informative windows, BAG@START:END.
-        events: changes, disturbances and losses, each with its kind, times [s] and text.
-        t: times [s]; at each the unexplained torque [N m], the parameters and their standard errors.
-    """
+    """The history of tracked parameters."""
 
     bags: list[str]
-    until: Finite
-    notes: dict[str, int]
-    windows: list[str]
-    events: list[dict[str, Any]]
-    t: list[Finite]
-    unexplained: list[Number]
+    until: Finite  #: the last time [s].
+    notes: dict[str, int]  #: remarks, and how often each was made.
+    windows: list[str]  #: informative windows, BAG@START:END.
+    events: list[dict[str, Any]]  #: changes, disturbances and losses, each with its kind, times [s] and text.
+    t: list[Finite]  #: times [s] of the following.
+    unexplained: list[Number]  #: torque [N m].
     values: dict[str, list[Finite]]
     std_errors: dict[str, list[Number]]
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import ResultError
-from pendubot_identification.files import read_yaml, write_atomically, yaml_text
+from pendubot_identification.files import read_yaml, yaml_text
 from pendubot_identification.model.parameters import MODELS, NAMES, Parameters
 
 from .result import SCHEMA, PartialResult, Result, plain
@@ -22,17 +22,6 @@ T = TypeVar('T')
 
 REQUIRED = NAMES[: MODELS['viscous']]
 EXPECTED = 'name a file that pendubot identify wrote'
-#: Keys in the first files of this schema, and their present names.
-EARLIER = {'standing_still:': 'persistence:', 'held:': 'fixed:', 'put_right:': 'corrected:'}
-
-
-def write_result(path: Path, result: PartialResult, *, overwrite: bool = False) -> None:
-    """Write a complete result file, or none.
-
-    Raises:
-        ResultError: the file exists already, or the system refuses to write it.
-    """
-    write_atomically(path, result_text(result), overwrite=overwrite)
 
 
 def result_text(result: PartialResult) -> str:
@@ -53,27 +42,12 @@ def read_result(path: Path) -> PartialResult:
 
 
 def read_complete_result(path: Path) -> Result:
-    """Return the result of a file that an identification wrote.
-
-    Raises:
-        ResultError: there is no such file, it has another schema, or an entry is wrong or missing.
-    """
+    """Return the result of a file that an identification wrote. May raise ResultError."""
     return structured(Result, _read(path), path)
 
 
-def read_parameters(path: Path) -> Parameters:
-    """Return the parameters of a result file.
-
-    Raises:
-        ResultError: as :func:`read_result`.
-    """
-    return read_result(path).theta
-
-
 def read_estimate(path: Path) -> tuple[Parameters, NDArray[np.float64] | None]:
-    """Return the parameters of a result file, and their standard errors, shape (D,), where it has them all.
-
-    Parameters that are absent from the file are exactly 0.
+    """Return the parameters of a result file, 0 if absent, and their standard errors, shape (D,), if it has them all.
 
     Raises:
         ResultError: as :func:`read_result`.
@@ -85,11 +59,7 @@ def read_estimate(path: Path) -> tuple[Parameters, NDArray[np.float64] | None]:
 
 
 def structured(kind: type[T], data: Any, file: object) -> T:
-    """Return the content of a file as a result; unknown entries are ignored.
-
-    Raises:
-        ResultError: an entry is missing, or is not what is expected.
-    """
+    """Return the content of a file as a result; unknown entries are ignored. May raise ResultError."""
     import pydantic
 
     try:
@@ -97,27 +67,16 @@ def structured(kind: type[T], data: Any, file: object) -> T:
             return pydantic.TypeAdapter(kind).validate_python(data)
         return pydantic.parse_obj_as(kind, data)  # pydantic 1, of Ubuntu 24.04
     except pydantic.ValidationError as error:
-        problem = error.errors()[0]
-    path = [key for key in problem['loc'] if key != '__root__']
-    found, said = data, problem['msg'].removeprefix('Value error, ').replace('Input', 'input')
-    try:
-        for key in path:
-            found = found[key]
-        if not isinstance(found, dict):
-            said = f'is {found!r}; {said}'
-    except (LookupError, TypeError):
-        said = 'is missing'
-    entry = '.'.join(map(str, path)) or 'the result'
-    raise ResultError(f'{file}: {entry} {said}; {EXPECTED}, as it wrote it')
+        problem: dict[str, Any] = dict(error.errors()[0])
+    entry = '.'.join(str(key) for key in problem['loc'] if key != '__root__') or 'the result'
+    given = problem.get('input', {})  # pydantic 1 does not say
+    found = '' if isinstance(given, dict) else f' is {given!r}'
+    raise ResultError(f'{file}: {entry}{found}; {problem["msg"].removeprefix("Value error, ")}; {EXPECTED}, as it did')
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the content of a result file, its parameters in the order of theta.
-
-    Raises:
-        ResultError: there is no such file, it has another schema, or it has no parameter vector.
-    """
-    data = read_yaml(path, EXPECTED, replaced=EARLIER)
+    """Return the content of a result file, its parameters in the order of theta, or raise ResultError."""
+    data = read_yaml(path, EXPECTED)
     if not isinstance(data, dict) or data.get('schema') != SCHEMA:
         raise ResultError(f'{path} is no result of schema {SCHEMA}; {EXPECTED}')
     entries = data.get('parameters')

@@ -1,10 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tracked parameters as a result file, and a result file as the start of tracking."""
+"""Tracks the parameters of a rig through recordings, from a result and to a result."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,13 +14,17 @@ from typing import Any
 import numpy as np
 
 from pendubot_identification.errors import ResultError
+from pendubot_identification.identify.estimate import Progress
 from pendubot_identification.identify.pipeline import identify
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS, NAMES, UNITS
+from pendubot_identification.recordings.bag_reader import BagWindow, open_recording, stream_samples
 from pendubot_identification.tracking.blocks import SegmentSettings
 from pendubot_identification.tracking.events import Change, Event, Start, State
 from pendubot_identification.tracking.tracker import Tracker
+from pendubot_identification.tracking.windows import InformativeWindows
+from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .result import EffortTiming, Parameter, Tracked, TrackedResult, known
@@ -27,6 +32,8 @@ from .result_file import read_result
 
 #: Largest number of states in a track; of more, every other one is dropped.
 KEPT = 4000
+#: Time between two recordings of one stream [s].
+BETWEEN = 10.0
 
 
 @dataclass
@@ -92,12 +99,42 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     )
 
 
-def tracked_result(tracker: Tracker, track: Track, bags: Sequence[str]) -> TrackedResult:
-    """Return the newest state as a result, with the events and the history of the parameters.
+def track_recordings(
+    start: Start,
+    windows: Sequence[BagWindow],
+    topic: str,
+    joint_names: Sequence[str],
+    conversion: Conversion,
+    progress: Progress,
+) -> tuple[Tracker, Track]:
+    """Track a rig through windows of recordings, one after the other, and return the tracker and its history.
 
     Raises:
-        ResultError: there is no state yet.
+        PendubotError: a recording cannot be read or tracked.
     """
+    tracker, track, base = Tracker(start), Track(), 0.0
+    for window in windows:
+        reader, until, informative = open_recording(window.path, conversion), base, InformativeWindows()
+        if reader.note:
+            track.notes.append(f'{window}: {reader.note}')
+        for samples in stream_samples(reader, window, topic, joint_names, conversion):
+            informative.add(samples)
+            samples[:, 0] += base
+            until = max(until, float(samples[-1, 0]))
+            progress(f'following {window}', round(until - base), 0, math.nan)
+            for event in tracker.feed(samples):
+                track.add(event)
+                if not isinstance(event, State):
+                    informative.happened(event, base)
+        if until > base and (cut := window.cut(until - base)):
+            track.notes.append(cut)
+        track.windows += [str(BagWindow(window.path, *found)) for found in informative.best()]
+        base = until + BETWEEN
+    return tracker, track
+
+
+def tracked_result(tracker: Tracker, track: Track, bags: Sequence[str]) -> TrackedResult:
+    """Return the newest state as a result, with the events and the history of the parameters. May raise ResultError."""
     state = tracker.state
     if state is None or tracker.segment_settings is None:
         raise ResultError(f'there are no parameters to be written: {tracker.reason}')

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 QUANTITIES = ('q1', 'q2', 'tau1', 'tau2')
 #: A wrapped angle jumps by a turn but for this fraction of it.
 WRAPPED = 0.15
-_EXCHANGED = np.array([[0.0, 1.0], [1.0, 0.0]])
+_EXCHANGED = np.eye(2)[::-1]
 
 
 class Affine(NamedTuple):
@@ -41,8 +41,8 @@ class Affine(NamedTuple):
     @classmethod
     def of(cls, Q: Any = None, c: Any = (0, 0), T: Any = None, d: Any = (0, 0)) -> Affine:
         """Return the map of these numbers; the defaults change nothing."""
-        matrices = (np.eye(2) if M is None else np.array(M, dtype=float) for M in (Q, T))
-        return cls(next(matrices), np.array(c, dtype=float), next(matrices), np.array(d, dtype=float))
+        Q, T = (np.eye(2) if M is None else M for M in (Q, T))
+        return cls(*(np.array(each, dtype=float) for each in (Q, c, T, d)))
 
     def after(self, first: Affine) -> Affine:
         """Return the map that applies ``first`` and then this one."""
@@ -84,19 +84,15 @@ class Conversion:
             ('offset', self.offset, QUANTITIES),
         ):
             if unknown := [name for name in given if name not in known]:
-                raise ParameterError(
-                    f'--{option} does not know the quantity {unknown[0]!r}; {", ".join(known)} are expected'
-                )
+                raise ParameterError(f'--{option} does not know the quantity {unknown[0]!r}; use {", ".join(known)}')
         if self.gear != 1 and not self.torque_constant:
             raise ParameterError(
                 f'--gear {self.gear:g} multiplies a torque constant, and none is given; add --torque-constant K'
             )
-        names = self.names
         for name, column in self.columns.items():
-            if other := next((other for other in names if other != name and names[other] == column), None):
+            if other := next((other for other, its in self.names.items() if other != name and its == column), None):
                 raise ParameterError(
-                    f'column {column!r} stands for both {name} and {other}; name one column for each quantity, '
-                    f'such as {other}=NAME'
+                    f'column {column!r} stands for both {name} and {other}; name one column for each: {other}=NAME'
                 )
 
     @classmethod
@@ -111,10 +107,10 @@ class Conversion:
         for name, value in given.items():
             if name not in known:
                 raise ParameterError(f'{name!r} is no option of the conversion; {", ".join(known)} are')
-            if name in ('columns', 'offset'):
+            if name == 'columns':
                 value = _pairs(name, value)
-            if name == 'offset':
-                value = {each: _amount(each, text) for each, text in value.items()}
+            elif name == 'offset':
+                value = {each: _amount(each, text) for each, text in _pairs(name, value).items()}
             elif name == 'negate':
                 value = tuple(_words(value))
             elif isinstance(known[name].default, (bool, int, float)):
@@ -127,20 +123,15 @@ class Conversion:
         found = {}
         for each in fields(self):
             value = getattr(self, each.name)
-            if value == each.default:
+            if not value or value == each.default:
                 continue
             if each.name == 'offset':
                 value = {name: _amount_text(name, amount) for name, amount in value.items()}
             if isinstance(value, Mapping):
-                value = ','.join(f'{name}={text}' for name, text in value.items())
-            elif isinstance(value, tuple):
+                value = tuple(f'{name}={text}' for name, text in value.items())
+            if isinstance(value, tuple):
                 value = ','.join(value)
-            elif isinstance(value, bool):
-                value = 'true' if value else ''
-            elif isinstance(value, (int, float)):
-                value = str(value) if value else ''
-            if value:
-                found[each.name] = value
+            found[each.name] = 'true' if value is True else str(value)
         return found
 
     def options(self) -> list[str]:
@@ -157,15 +148,11 @@ class Conversion:
         """The unit of a file's times."""
         return TIME_UNITS[self.time_unit]
 
-    @property
-    def _exchanges_efforts(self) -> bool:
-        return self.swap in ('joints', 'efforts')
-
     def effort_names(self, joint_names: Sequence[str]) -> list[str]:
         """Return the names of the two entries of a JointState whose efforts become tau1 and tau2, before any swap."""
         names = list(joint_names)
         if self.torque_constant:
-            names[self._exchanges_efforts] = current_name(joint_names[0])
+            names[self.swap in ('joints', 'efforts')] = current_name(joint_names[0])
         return names
 
     @property
@@ -175,7 +162,7 @@ class Conversion:
         Q, T = np.diag(signs[:2]), np.diag(signs[2:])
         if self.swap in ('joints', 'positions'):
             Q = Q @ _EXCHANGED
-        if self._exchanges_efforts:
+        if self.swap in ('joints', 'efforts'):
             T = T @ _EXCHANGED
         if self.torque_constant:
             T = np.diag([self.torque_constant * self.gear, 1.0]) @ T
@@ -189,11 +176,7 @@ class Conversion:
         return Affine(Q, c - off[:2], T * TORQUE_UNITS[self.torque_unit], -off[2:])
 
     def motion(self, t: Array, q: Array, tau: Array, qd: Array | None, name: str) -> Trajectory:
-        """Return the motion of samples, t in seconds.
-
-        Raises:
-            TrajectoryError: values that are not finite, stamps that repeat or run backwards.
-        """
+        """Return the motion of samples, t in seconds. May raise TrajectoryError."""
         if self.skip_missing:
             values = np.column_stack([t, q, tau] if qd is None else [t, q, tau, qd])
             complete = np.isfinite(values).all(axis=1)
@@ -261,11 +244,7 @@ def _words(value: Any) -> list[str]:
 
 
 def _pairs(option: str, value: Any) -> dict[str, str]:
-    """Return the pairs of ``q1=NAME,q2=NAME``.
-
-    Raises:
-        ParameterError: the text has another form.
-    """
+    """Return the pairs of ``q1=NAME,q2=NAME``, or raise ParameterError."""
     if isinstance(value, Mapping):
         return {str(name): str(text) for name, text in value.items()}
     named: dict[str, str] = {}

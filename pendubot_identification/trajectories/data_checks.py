@@ -9,12 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .signals import encoder_step, evenly_stamped, has_timestamp_jitter
 from .trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +47,8 @@ def _missing(motion: Trajectory) -> list[str]:
 def _jitter(motion: Trajectory) -> list[str]:
     if not has_timestamp_jitter(motion):
         return []
-    even = evenly_stamped(motion) is not motion
     steps = np.diff(motion.t)
-    done = 'even stamps replace them' if even else 'they are not corrected'
+    done = 'they are not corrected' if evenly_stamped(motion) is motion else 'even stamps replace them'
     return [
         f'{motion.name}: its stamps jitter, from {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart, and its '
         f'samples did not: the motion is smooth by even stamps only; {done}. Stamp samples by the clock of the board'

@@ -69,9 +69,8 @@ class Motion:
 
     def part(self, start: float, end: float) -> Motion:
         """Return the motion from ``start`` to ``end`` [s of its own time], within its limits."""
-        start, end = max(start, self.start), min(end, self.end)
-        recorded = self.recorded
-        return replace(self, start=start, end=end, recorded=recorded[(recorded.t >= start) & (recorded.t <= end)])
+        start, end, t = max(start, self.start), min(end, self.end), self.recorded.t
+        return replace(self, start=start, end=end, recorded=self.recorded[(t >= start) & (t <= end)])
 
     def middle(self, share: float) -> Motion:
         """Return this fraction of the motion, from its middle."""

@@ -55,10 +55,8 @@ def resample(trajectory: Trajectory) -> Trajectory:
     gaps = np.diff(t)
     widest = int(np.argmax(gaps))
     if step > LONGEST_GAP:
-        raise TrajectoryError(
-            f'{trajectory.name}: its samples are {step:g} s apart and at most {LONGEST_GAP:g} s is '
-            'expected; are its stamps in seconds? record at a higher rate'
-        )
+        apart = f'its samples are {step:g} s apart and at most {LONGEST_GAP:g} s is expected'
+        raise TrajectoryError(f'{trajectory.name}: {apart}; are its stamps in seconds? record at a higher rate')
     if gaps[widest] > max(LONGEST_GAP, 5 * step):
         raise TrajectoryError(
             f'{trajectory.name}: {gaps[widest]:.3f} s without a sample begin at {t[widest] - t[0]:.3f} s, where '
@@ -78,9 +76,9 @@ def evenly_stamped(trajectory: Trajectory) -> Trajectory:
     A board samples by its timer; the stamp may be given later, when the sample arrives. Stamps that also drift, as
     where samples are missing, cannot be corrected and stay.
     """
-    t, number = trajectory.t, np.arange(len(trajectory), dtype=float)
     if not has_timestamp_jitter(trajectory):
         return trajectory
+    t, number = trajectory.t, np.arange(len(trajectory))
     slope, start = np.polyfit(number, t, 1)
     even = start + slope * number
     late = np.convolve(t - even, np.full(100, 0.01), mode='valid')
@@ -125,9 +123,8 @@ def held(t: Array, at: Array) -> NDArray[np.intp]:
 def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Array]:
     """Return positions and velocities from uniformly sampled positions, without phase shift.
 
-    ``interval`` [s] is of the samples, ``window`` [s] of the Savitzky-Golay filter. With fewer than 5 samples in the
-    window, the positions stay unchanged and the velocities are central differences. All arrays have shape (N, 2)
-    [rad, rad/s].
+    ``interval`` [s] is of the samples, ``window`` [s] of the Savitzky-Golay filter. If it holds fewer than 5 samples,
+    positions stay and velocities are central differences. All arrays have shape (N, 2) [rad, rad/s].
 
     Raises:
         TrajectoryError: fewer samples than the window holds.
@@ -137,12 +134,9 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
     if length <= SETTINGS.degree + 1:
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
-        raise TrajectoryError(
-            f'{len(q)} samples, {interval * len(q):g} s, are fewer than the smoothing window of {window:g} s holds; '
-            'choose a shorter one'
-        )
-    rates = savgol_filter(q, length, SETTINGS.degree, deriv=1, delta=interval, axis=0)
-    return savgol_filter(q, length, SETTINGS.degree, axis=0), rates
+        raise TrajectoryError(f'{len(q)} samples are fewer than the window of {window:g} s holds; choose a shorter one')
+    smooth, rates = (savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
+    return smooth, rates
 
 
 def encoder_step(q: Array) -> Array:

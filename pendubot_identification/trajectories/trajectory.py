@@ -39,9 +39,7 @@ class Trajectory:
             if values is None:
                 continue
             if values.shape != (n, 2):
-                raise TrajectoryError(
-                    f'{self.name}: {label} has shape {values.shape}; ({n}, 2) is expected, two joints per stamp'
-                )
+                raise TrajectoryError(f'{self.name}: {label} has shape {values.shape}; ({n}, 2) is expected')
             bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
             if bad.size:
                 raise TrajectoryError(
@@ -91,14 +89,7 @@ class Trajectory:
         return replace(self, t=self.t[index], q=self.q[index], tau=self.tau[index], qd=qd)
 
     def require_samples(self, minimum: int = MINIMUM_SAMPLES) -> Trajectory:
-        """Return this trajectory if it holds at least ``minimum`` samples.
-
-        Raises:
-            TrajectoryError: it is too short.
-        """
+        """Return this trajectory if it holds at least ``minimum`` samples. Raises TrajectoryError: it is too short."""
         if len(self) < minimum:
-            raise TrajectoryError(
-                f'{self.name}: {len(self)} samples over {self.duration:.3f} s are too few; at least {minimum} are '
-                'needed: choose a longer window'
-            )
+            raise TrajectoryError(f'{self.name}: {len(self)} samples are too few; choose a window of {minimum} or more')
         return self

@@ -65,8 +65,8 @@ def test_parameters_that_no_rig_has_are_of_level_error(result, run, name):
     ('others', 'length', 'said'),
     [
         ({'P3': 0.02}, None, 'no rig moves like this: M(q) is not positive definite'),
-        ({'P5': -0.03}, None, 'give link 1 no length P3 / P5 above 0; measure it'),
-        ({'P5': 0.0}, None, 'give it by --link-length'),
+        ({'P5': -0.03}, None, 'give link 1 no length P3 / P5 above 0; measure it and add --link-length'),
+        ({'P5': 0.0}, None, 'measure it and add --link-length'),
         ({}, '0.5', 'a length above 0 and below sqrt(P1 P2) / |P5| = 0.2867 m is expected'),
         ({'P5': 0.0}, 'nan', 'a length above 0 is expected'),
     ],

@@ -13,7 +13,7 @@ import yaml
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
-from pendubot_identification.results.result_file import read_parameters
+from pendubot_identification.results.result_file import read_result
 from test.cli.conftest import FAST
 from test.processes import run_program
 
@@ -98,7 +98,7 @@ def test_the_likelihood_starts_where_it_is_told(run, made):
     status, out, _ = run('identify', f'{made / "swing"}@0:4', *options, '--start', made / 'result.yaml')
     assert status == 0
     result = json.loads(out)
-    assert result['made_by']['start'][:7] == list(read_parameters(made / 'result.yaml').vector())
+    assert result['made_by']['start'][:7] == list(read_result(made / 'result.yaml').theta.vector())
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,7 @@ def test_what_fails_unforeseen_has_a_page_that_says_what(made, tmp_path, run, mo
     def fail(*_):
         raise MemoryError('80 GB')
 
-    monkeypatch.setattr('pendubot_identification.results.corrections.identify', fail)
+    monkeypatch.setattr('pendubot_identification.results.computation.identify', fail)
     status, _, err = run('identify', made / 'swing', *FAST, '--report', tmp_path / 'look')
     assert (status, err) == (1, 'pendubot: not enough memory (80 GB); ask for less\n')
     assert 'not enough memory (80 GB); ask for less' in text(tmp_path / 'look')

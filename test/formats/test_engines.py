@@ -83,7 +83,7 @@ def compared(engine, write, model, count=RIGS):
     rng, apart = np.random.default_rng(2), np.zeros(3)
     for theta in thetas(model, count):
         parameters = Parameters.from_vector(theta)
-        there = engine(write(rig_of(parameters)), parameters)
+        there = engine(write(rig_of(parameters), ['a <bag> -- & more ---']), parameters)
         q, v, tau = states(rng)
         M, bias = there.terms(q, v)
         vector = smooth(theta).vector('rotor')
@@ -100,8 +100,8 @@ def compared(engine, write, model, count=RIGS):
     return apart
 
 
-def revolute(rig):
-    return urdf(rig, revolute=True)
+def revolute(rig, comments):
+    return urdf(rig, comments, revolute=True)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
-from pendubot_identification.recordings.bag_metadata import RELIABLE
-from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, decode_joint_state, encode_joint_state
 from test.recordings.independent import by_mcap
 

@@ -139,7 +139,7 @@ def test_json_is_the_tables_and_nothing_else_and_a_folder_is_left_alone_unless_f
     (tmp_path / 'index.md').write_text('mine')
     arguments = '--only', 'table8,dataset', '--runs', 2, '--json', '--output', tmp_path
     assert reproduce(*arguments) == 1
-    assert 'exists already and holds something, and was left as it is' in capsys.readouterr().err
+    assert 'exists already and is not empty' in capsys.readouterr().err
     assert files(tmp_path) == {'index.md': b'mine'}
     assert reproduce(*arguments, '--force') == 0
     assert (tmp_path / 'index.md').read_text().startswith('# The paper, reproduced')

@@ -6,8 +6,7 @@
 from mcap.writer import Writer
 from rosbags.interfaces import QosDurability
 
-from pendubot_identification.recordings.bag_metadata import RELIABLE
-from pendubot_identification.recordings.bag_writer import BagWriter
+from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
 from pendubot_identification.recordings.message_types import message_definition
 

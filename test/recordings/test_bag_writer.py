@@ -16,9 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings import bag_writer
-from pendubot_identification.recordings.bag_metadata import RELIABLE, offered_profiles
 from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
-from pendubot_identification.recordings.bag_writer import BagWriter, complete_bag
+from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter, complete_bag, offered_profiles
 from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
 from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -126,28 +125,6 @@ def test_a_bag_is_overwritten_only_on_request_and_by_a_complete_one(tmp_path):
     assert os.listdir(tmp_path) == ['bag']
     assert BagReader(path).count == 20
     assert by_mcap(path) == by_rosbags(path)
-
-
-def test_the_first_of_two_writers_of_one_bag_is_kept(tmp_path, monkeypatch):
-    path = tmp_path / 'bag'
-
-    def both():
-        with complete_bag(path) as slow:
-            monkeypatch.setattr(os, 'getpid', lambda: 1)
-            with complete_bag(path) as quick:
-                write(path, 20, quick)
-            write(path, 10, slow)
-
-    with pytest.raises(BagError, match='is not written: Directory not empty'):
-        both()
-    assert os.listdir(tmp_path) == ['bag']
-    assert BagReader(path).count == 20
-
-
-def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path):
-    (tmp_path / 'file').write_text('')
-    with pytest.raises(BagError, match=r'cannot be written \(Not a directory\)'):
-        BagWriter(tmp_path / 'file' / 'bag')
 
 
 @pytest.mark.parametrize('jump', [0, 3600], ids=['', 'a clock that is set back'])

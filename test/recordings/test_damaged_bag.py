@@ -6,11 +6,9 @@
 import json
 import os
 import shutil
-from itertools import chain
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
@@ -23,7 +21,7 @@ from pendubot_identification.recordings.bag_writer import BagWriter
 from test.cli.conftest import contents
 
 from . import damage
-from .bags import FLOAT, LATCHED, START, STEP, TOPIC, foreign, message
+from .bags import FLOAT, LATCHED, START, TOPIC, foreign, message
 from .independent import by_mcap, by_rosbags, chunks
 
 #: A chunk holds so many messages here.
@@ -77,22 +75,6 @@ def test_repairing_an_intact_bag_copies_it(tmp_path):
     metadata = (path / 'metadata.yaml').read_bytes()
     assert (tmp_path / 'copy' / 'metadata.yaml').read_bytes() == metadata.replace(b'bag_', b'copy_')
     assert by_mcap(tmp_path / 'copy') == by_mcap(path) == by_rosbags(tmp_path / 'copy')
-    # A recorder that was killed left no metadata.yaml; the file holds a copy.
-    (path / 'metadata.yaml').unlink()
-    repair(path, tmp_path / 'second')
-    described = yaml.safe_load((tmp_path / 'second' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-    assert {key: described[key] for key in origin} == origin
-
-
-def test_repairing_sorts_messages_by_log_time(tmp_path):
-    times = [3, 1, 2, 50, 40, 45]
-    with BagWriter(tmp_path / 'bag') as bag:
-        channel = bag.add_topic('/other', 'std_msgs/msg/Float64')
-        for k in times:
-            bag.write(channel, FLOAT + bytes([k] * 8), START + k * STEP)
-    (saved,) = repair(tmp_path / 'bag', tmp_path / 'copy')
-    assert saved.intact
-    assert [at for _, at, _ in by_mcap(tmp_path / 'copy')] == [START + k * STEP for k in sorted(times)]
 
 
 @pytest.mark.parametrize('left', [0, 20, None], ids=['empty', 'half', 'gone'])
@@ -141,18 +123,6 @@ def unclosed(folder, data):
     return folder
 
 
-def check(reader, messages):
-    """Hold what a reader says and gives against the messages that must be in the bag."""
-    times = [at for _, at, _ in messages]
-    assert not reader.closed
-    assert f'{len(messages)} intact messages' in reader.note
-    assert (reader.first_ns, reader.last_ns) == (min(times), max(times))
-    for topic, (_, count) in reader.topics.items():
-        found = [(topic, message.log_time, message.data) for part in reader.messages([topic]) for message in part]
-        assert found == [each for each in messages if each[0] == topic]
-        assert count == len(found)
-
-
 def times_of(path, *window):
     """Return the times of a window's samples [ns], and their first effort."""
     blocks = list(joint_samples(BagReader(path), BagWindow(path, *window)))
@@ -168,21 +138,12 @@ def closed(tmp_path_factory):
 
 
 @settings(max_examples=30)
-@given(st.tuples(*[st.none() | st.floats(0, 4)] * 2).filter(lambda w: None in w or w[0] < w[1]))
+@given(st.tuples(*[st.none() | st.floats(0, 4)] * 2).filter(lambda w: (w[0] or 0) < (5 if w[1] is None else w[1])))
 def test_a_window_is_the_same_in_the_unclosed_and_the_closed_bag(closed, tmp_path_factory, window):
     file, data, found = closed
     folder = unclosed(tmp_path_factory.getbasetemp() / 'open', data[: found[-1].end])
     for one, other in zip(times_of(folder, *window), times_of(file, *window), strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_a_file_that_changed_is_one_sentence(closed, tmp_path):
-    _, data, found = closed
-    reader = BagReader(unclosed(tmp_path / 'bag', data[:-100]))
-    for other in (data[: found[20].begin + 50], bytes(len(data))):
-        unclosed(tmp_path / 'bag', other)
-        with pytest.raises(BagError, match=r'is damaged \d+ bytes from its start, .* or changed after it was opened'):
-            list(reader.messages([TOPIC]))
 
 
 def test_without_checksums_a_chunk_with_a_wrong_length_is_damaged(tmp_path):
@@ -191,25 +152,8 @@ def test_without_checksums_a_chunk_with_a_wrong_length_is_damaged(tmp_path):
     found = chunks(tmp_path / 'file')
     hit = found.pop(len(found) // 2)
     data[hit.end - len(message(0)[1]) - 30] ^= 0x40  # the length of its last message
-    check(BagReader(unclosed(tmp_path / 'bag', data)), list(chain.from_iterable(chunk.messages for chunk in found)))
-
-
-@pytest.mark.parametrize('chunked', [0, 50])
-def test_messages_outside_of_chunks_are_read_too(tmp_path, chunked):
-    outside = foreign(tmp_path / 'outside', map(message, range(100)), use_chunking=False)
-    options = {'compression': CompressionType.NONE}
-    inside = foreign(tmp_path / 'inside', map(message, range(100, 100 + chunked)), **options)
-    for chunk in chunks(tmp_path / 'inside'):
-        outside += inside[chunk.begin : chunk.end]
-    path = unclosed(tmp_path / 'bag', outside)
-    check(BagReader(path), [(TOPIC, *message(k)) for k in range(100 + chunked)])
-    np.testing.assert_array_equal(times_of(path, 0.9, 1.2)[0], np.arange(90, min(120, 100 + chunked)) * STEP)
-
-
-def test_a_file_that_grows_keeps_the_length_at_which_it_was_opened(closed, tmp_path):
-    _, data, found = closed
-    reader = BagReader(unclosed(tmp_path / 'bag', data[: found[20].end + 100]))
-    messages = list(chain.from_iterable(chunk.messages for chunk in found[:21]))
-    check(reader, messages)
-    unclosed(tmp_path / 'bag', data)
-    check(reader, messages)
+    reader, left = BagReader(unclosed(tmp_path / 'bag', data)), [each for chunk in found for each in chunk.messages]
+    assert not reader.closed
+    assert f'{len(left)} intact messages' in reader.note
+    assert [(TOPIC, each.log_time, each.data) for part in reader.messages([TOPIC]) for each in part] == left
+    assert (reader.first_ns, reader.last_ns, reader.count) == (left[0][1], left[-1][1], len(left))

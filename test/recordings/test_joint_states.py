@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_typestore
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.recordings.joint_states import (
-    JOINT_STATE,
     JointDecoder,
     decode_joint_state,
     encode_joint_state,
@@ -76,16 +74,6 @@ def test_the_content_of_padding_is_ignored():
     filled = [message[:padding] + bytes([0x55, k]) + message[padding + 2 :] for k, message in enumerate(plain)]
     assert plain[0][padding : padding + 3] == bytes(3)
     check(filled, expected=plain)
-
-
-def test_the_other_byte_order_is_read_too():
-    store, encoded = get_typestore(Stores.ROS2_JAZZY), []
-    for k in range(3):
-        header = store.types['std_msgs/msg/Header'](store.types['builtin_interfaces/msg/Time'](0, k), '')
-        message = store.types[JOINT_STATE](header, list(JOINTS), *np.array([[k, 1], [2, 3], [4, 5]], float))
-        encoded.append(bytes(store.serialize_cdr(message, JOINT_STATE, little_endian=False)))
-    encoded.insert(1, encode_joint_state(9, JOINTS, [6, 7], [8, 9], [10, 11]))
-    check(encoded)
 
 
 @pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 100])

@@ -13,6 +13,8 @@ import scipy.io
 from pendubot_identification import api
 from pendubot_identification.cli.main import main
 from pendubot_identification.errors import LongRecordingError
+from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings import bag_reader
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
@@ -20,19 +22,26 @@ from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
 from pendubot_identification.tracking import windows
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.changing_rig import Day, record
+from test.changing_rig import Day, truth
+from test.simulated_rig import pulses
 
 from .bags import STEP, TOPIC, message
 
 #: Length of informative windows here [s].
 LENGTH = 10
-DAY = Day(payload=0.2, payload_at=40.0, rests=((44, 50),), pushes=((63, 0, 0.3, 0.5),))
 
 
 @pytest.fixture(scope='module')
 def motion():
-    t, q, tau = record([4], [DAY], seconds=90.0)
-    return Trajectory(t, q[0], np.column_stack([tau[0], 0 * t]))
+    t, parts, state = np.arange(18_000) / 200, [], {}
+    tau = np.where((t >= 44) & (t < 50), 0.0, pulses(np.random.default_rng([4, 23]), len(t), 200, 0.35, 0.1, 0.5))
+    pushed = tau + np.where((t >= 63) & (t < 63.5), 0.3 * np.sin(2 * np.pi * (t - 63)), 0.0)
+    for begin, end, now in ((0, 8000, 0.0), (8000, len(t), 40.0)):
+        rig = Parameters(*truth(Day(payload=0.2, payload_at=40.0), [now])[0])
+        found = simulate(rig, t[begin : end + 1], np.outer(pushed, [1, 0])[begin : end + 1], **state)
+        state = {'q': tuple(found.q[-1]), 'qd': tuple(found.qd[-1])}
+        parts.append(quantised(found, 4096).q[: end - begin])
+    return Trajectory(t, np.concatenate(parts), np.outer(tau, [1, 0]))
 
 
 @pytest.fixture(scope='module')

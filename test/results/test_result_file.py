@@ -17,18 +17,15 @@ from pendubot_identification.identify.estimate import Zeros
 from pendubot_identification.identify.settings import CRITERIA
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.provenance import settings
 from pendubot_identification.results.result import SCHEMA, Parameter, PartialResult
 from pendubot_identification.results.result import plain as plain_of
 from pendubot_identification.results.result_file import (
     read_complete_result,
     read_estimate,
-    read_parameters,
     read_result,
     result_text,
-    write_result,
 )
-from test.identified import SOURCE, earlier, identified, made, plain, write
+from test.identified import SOURCE, identified, made, plain, write
 
 
 def first_numbers(node, found=None):
@@ -45,7 +42,7 @@ def first_numbers(node, found=None):
 
 def test_a_written_result_is_read_back(tmp_path):
     result, path = made(), tmp_path / 'result.yaml'
-    write_result(path, result)
+    path.write_text(result_text(result))
     assert read_result(path) == read_complete_result(path) == result
     assert json.loads(json.dumps(plain_of(result), allow_nan=False)) == yaml.safe_load(path.open())
     text = path.read_text()
@@ -67,7 +64,7 @@ def test_parameters_without_an_elbow_motor_are_named(tmp_path):
     assert result.not_in_model == ['k2, for the effort of the elbow is zero throughout']
     assert 'k2' not in result.not_covered
     assert np.shape(result.covariance) == np.shape(result.criteria['weak'].correlation) == (13, 13)
-    write_result(tmp_path / 'result.yaml', result)
+    (tmp_path / 'result.yaml').write_text(result_text(result))
     parameters, std_error = read_estimate(tmp_path / 'result.yaml')
     assert parameters.vector('geared').tolist() == identified(('weak',), 'geared').best.theta.tolist()
     assert std_error.tolist() == [*(entry.std_error for entry in result.parameters.values()), 0.0]
@@ -75,25 +72,15 @@ def test_parameters_without_an_elbow_motor_are_named(tmp_path):
 
 
 def test_every_number_has_its_uncertainty():
-    result, data = identified(model='auto'), plain(model='auto')
-    best = result.best
-    for k, (name, entry) in enumerate(data['parameters'].items()):
-        assert entry['value'] == best.theta[k], name
-        assert entry['std_error'] == best.std_error[k]
+    best, data = identified(model='auto').best, plain(model='auto')
+    for k, entry in enumerate(data['parameters'].values()):
+        assert (entry['value'], entry['std_error']) == (best.theta[k], best.std_error[k])
         assert entry['interval'] == tuple(best.intervals[k])
-        assert entry['determined'] == best.determined[k]
-        assert entry['degrees_of_freedom'] == (best.freedom[k] if np.isfinite(best.freedom[k]) else None)
         assert not entry['on_bound']
-    assert data['unmodelled'] is None, 'nothing but quantization is left'
     assert data['effort']['linear_lag'] == pytest.approx(data['effort']['delay'] + 0.005, rel=1e-3)
-    for estimate, entry in zip(result.estimates, data['criteria'].values(), strict=True):
-        assert entry['level'] == estimate.level.name
-        assert entry['J']['training'] == estimate.J
-        np.testing.assert_allclose(entry['prediction']['error'], estimate.prediction.error)
-        np.testing.assert_allclose(entry['prediction']['fit']['dq2'], estimate.prediction.fit[:, 3])
+    np.testing.assert_allclose(data['prediction']['fit']['dq2'], best.prediction.fit[:, 3])
     assert data['prediction']['method'] == 'on data that was not used for estimation'
     assert data['criteria'][data['criterion']]['J'] == data['J']
-    assert data['criterion'] == best.criterion != 'energy'
     assert list(data['criteria']) == list(CRITERIA)
 
 
@@ -122,9 +109,6 @@ def test_a_result_names_its_settings():
     how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
     assert data['criteria']['energy']['mde'] == how
     assert len(data['J']['training_runs']) == data['J']['runs_at_least_squares'] == 10
-    made_by = data['made_by']
-    assert (made_by['optimizer'], made_by['seed'], made_by['criteria']) == ('mde', 1, ['energy'])
-    assert made_by['delays'] == [-0.1, 0.1]
     assert data['bags'] == [asdict(SOURCE)]
 
 
@@ -143,7 +127,7 @@ def by_hand(tmp_path):
 
 def test_parameters_that_are_0_may_be_absent(by_hand):
     braked = by_hand(Fc1=None, Fc2={'value': 0.1}, J2=None, Fs1=None, k2=None)
-    assert read_parameters(braked) == replace(PAPER, Fc2=0.1)
+    assert read_result(braked).theta == replace(PAPER, Fc2=0.1)
 
 
 def test_handwritten_numbers_are_read(tmp_path):
@@ -170,18 +154,12 @@ def test_handwritten_numbers_are_read(tmp_path):
         (0.1, 'parameters.b2 is 0.1; .*dict'),
         ({'value': 1.0, 'interval': 0.1}, 'parameters.b2.interval is 0.1; .*tuple'),
         ({'value': 1.0, 'interval': [1, 'b']}, "parameters.b2.interval.1 is 'b'; a number is expected"),
-        ({'value': 1.0, 'unit': [3]}, r'parameters.b2.unit is \[3\]; .*str'),
         (None, 'has no parameter vector: check b2; one number each is expected for P1, P2'),
     ],
 )
 def test_invalid_numbers_are_one_sentence(by_hand, entry, sentence):
     with pytest.raises(ResultError, match=f'r.yaml:? {sentence}'):
         read_result(by_hand(b2=entry))
-
-
-def test_an_unknown_parameter_is_one_sentence(by_hand):
-    with pytest.raises(ResultError, match='check P6; one number each is expected for P1, P2'):
-        read_result(by_hand(P6={'value': 1.0}))
 
 
 @pytest.mark.parametrize('text', ['', '[]', 'parameters: {P1: {value: 1}}', 'schema: 2', '{'])
@@ -196,7 +174,7 @@ def test_a_file_without_a_result_is_one_sentence(tmp_path, text):
     [
         (('parameters', 'P4', 'value'), 'r.yaml: parameters.P4.*value.*; name a file'),
         (('parameters', 'P4'), 'check P4; one number each'),
-        (('level',), 'r.yaml: .*level.*; name a file that pendubot identify wrote, as it wrote it'),
+        (('level',), 'r.yaml: .*level.*; name a file that pendubot identify wrote, as it did'),
         (('bags', 0, 'sha256'), 'r.yaml: bags.0.*sha256.*; name a file'),
     ],
 )
@@ -209,21 +187,6 @@ def test_an_incomplete_result_is_one_sentence(tmp_path, path, sentence):
     write(tmp_path / 'r.yaml', data)
     with pytest.raises(ResultError, match=sentence):
         read_complete_result(tmp_path / 'r.yaml')
-
-
-def test_a_result_of_an_earlier_version_is_read(tmp_path):
-    """It held less, and what a later one adds is left out."""
-    data = earlier() | {'of_a_later_version': 1}
-    text = yaml.safe_dump(data, sort_keys=False).replace('persistence:', 'standing_still:')
-    text = text.replace('fixed: false', 'held: true')
-    (tmp_path / 'r.yaml').write_text(text)
-    result = read_complete_result(tmp_path / 'r.yaml')
-    assert all(entry.fixed for entry in result.parameters.values())
-    assert (result.theta, result.J, result.prediction) == ((now := made()).theta, now.J, now.prediction)
-    assert (result.criterion, *result.criteria) == ('trajectory', 'energy', 'weak', 'trajectory')
-    assert settings(result).criteria == ('energy', 'weak', 'likelihood')
-    assert result.not_covered is None
-    assert result.bags[0].topic == '/joint_states'
 
 
 def test_reading_parameters_needs_no_mathematics():

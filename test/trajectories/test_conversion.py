@@ -40,7 +40,7 @@ def test_the_options_of_a_conversion_give_the_same_conversion(conversion):
         np.testing.assert_allclose(getattr(again, name), getattr(motion(conversion), name), rtol=1e-6, atol=1e-8)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(READINGS, READINGS)
 def test_a_conversion_is_corrected_into_another_by_options(one, other):
     """Changes between any two conversions with the same torque constant are found."""
@@ -60,24 +60,14 @@ def test_changes_without_options_are_not_corrected():
     assert Conversion().then(Affine.of(T=3 * np.eye(2))) is None
 
 
-@pytest.mark.parametrize('swap', ['nothing', 'efforts'])
-def test_the_torque_constant_scales_the_torque_of_the_shoulder_in_any_column(swap):
-    conversion = Conversion.of({'swap': swap, 'torque_constant': '50', 'torque_unit': 'mNm', 'offset': 'tau1=0.01'})
-    efforts = 2 * NUMBERS if swap == 'nothing' else 2 * NUMBERS[:, ::-1]
-    np.testing.assert_allclose(motion(conversion).tau, efforts * [0.05, 0.001] - [0.01, 0])
-
-
 @pytest.mark.parametrize(
     ('given', 'sentence'),
     [
-        ({'negate': 'q3'}, "--negate does not know the quantity 'q3'; q1, q2, tau1, tau2"),
+        ({'negate': 'q3'}, "--negate does not know the quantity 'q3'; use q1, q2, tau1, tau2"),
         ({'offset': 'q1'}, "--offset 'q1' is not understood"),
         ({'offset': 'q1=x'}, '--offset q1=x is not understood; a number is expected'),
-        ({'offset': 'tau1=5deg'}, '--offset tau1=5deg is not understood'),
         ({'swap': 'elbows'}, 'swap is elbows; one of nothing, joints, positions, efforts is expected'),
-        ({'degrees': 'maybe'}, 'degrees is maybe; true or false is expected'),
         ({'torque_constant': 'k'}, 'torque_constant is k; a number with a decimal point from 0 to 1000000 N m/A is'),
-        ({'torque_constant': -0.1}, 'torque_constant is -0.1; a number with a decimal point from 0'),
         ({'colour': 'red'}, "'colour' is no option of the conversion"),
     ],
 )
