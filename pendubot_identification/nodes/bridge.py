@@ -78,15 +78,7 @@ class Bridge(ManagedNode):
         Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1, length=2),
         Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0, length=2),
         Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31, length=2),
-        Setting(
-            'torque_limit',
-            2.0,
-            'largest torque ever sent; not raised while armed; the board has its own limit',
-            'N m',
-            0.0,
-            1000.0,
-            dynamic=True,
-        ),
+        Setting('torque_limit', 2.0, 'largest torque sent; raised only while disarmed', 'N m', 0.0, 1e3, dynamic=True),
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
         Setting('link_timeout', 0.1, 'without anything valid for so long the link is lost: disarmed', 's', 0.01, 60.0),
@@ -283,6 +275,3 @@ class Bridge(ManagedNode):
 
 
 main = partial(run, Bridge)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

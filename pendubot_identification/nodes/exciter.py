@@ -197,6 +197,3 @@ def _pulses(values: dict[str, Any]) -> PulseTrain:
 
 
 main = partial(run, Exciter)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -39,7 +39,6 @@ from pendubot_identification.trajectories.conventions import CONVERSION
 
 from .messages import LATCHED, Identification, Status, flat, parameter_values
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
-from .topics import check_names
 
 try:
     from pendubot_interfaces.action import Identify
@@ -48,10 +47,8 @@ except ImportError:  # in a virtual environment, for which nobody built it
 
 #: Not on robot_description: a controller_manager would take the rig without its <ros2_control> element from there.
 ROBOT_DESCRIPTION = 'pendubot/robot_description'
-#: Time between two feedback messages of one step [s].
-FEEDBACK_PERIOD = 0.1
-#: Time between two log lines of one step [s]; the beginning of a step is logged at once.
-LOG_PERIOD = 5.0
+#: Time between two feedback messages, and two log lines, of one step [s]; the beginning of a step is logged at once.
+FEEDBACK_PERIOD, LOG_PERIOD = 0.1, 5.0
 #: The parameter that lets an existing result file be overwritten.
 FORCE = 'force:=true'
 
@@ -99,10 +96,10 @@ class Identifier(ManagedNode):
     def _open(self, s: dict[str, Any]) -> None:
         self._identification = Identification(self)
         # The progress on /diagnostics, replaced as a whole so that no thread sees half of it; and the step of the
-        # computation, when it began and was logged last [s].
-        self._progress: tuple[Level, str, dict[str, object]] = (Level.OK, 'waiting for ~/identify', {})
-        self._step, self._step_began, self._logged, self._reported = '', 0.0, 0.0, 0.0
-        Status(self, lambda: self._progress, ': progress')
+        # computation, and when it was logged and reported last [s].
+        self._progress = Level.OK, 'waiting for ~/identify'
+        self._step, self._logged, self._reported = '', 0.0, 0.0
+        Status(self, lambda: (*self._progress, {}), ': progress')
         self._description = self.create_publisher(String, ROBOT_DESCRIPTION, LATCHED)
         self._outcome: Future | None = None
         self._computation = Computation()
@@ -133,7 +130,11 @@ class Identifier(ManagedNode):
 
     def _check(self, s: dict[str, Any]) -> None:
         _settings(s)
-        check_names([s['topic']], 'topic')
+        self._topic(s)
+
+    def _topic(self, s: dict[str, Any]) -> str:
+        """Return the topic's name in a bag: in this node's namespace if it is relative, but not remapped."""
+        return self.resolved([s['topic']], only_expand=True)[0]
 
     async def _on_identify(self) -> tuple[bool, str]:
         level, text = await self._identified(self.settings())
@@ -180,22 +181,15 @@ class Identifier(ManagedNode):
             self.get_logger().error(text)
             if not computation.stopped:
                 self._identification.publish(level, text, {})
-        self._step, self._progress = '', (level, text, {})
+        self._step, self._progress = '', (level, text)
         self.answer(outcome, (level, text))
 
     def _on_progress(self, step: str, done: int, of: int, best: float) -> None:
         """Take the step, how much of it is done, of how much (0: not known), and the best J or NaN."""
         now = time.monotonic()
-        begins = step != self._step
-        if begins:
-            self._step, self._step_began = step, now
-        values: dict[str, object] = {'step': step, 'done': done, 'of': of or 'not known'}
-        if not math.isnan(best):
-            values['J'] = best
-        if of and done:
-            values['seconds_left'] = round((now - self._step_began) * (of - done) / done, 1)
+        begins, self._step = step != self._step, step
         text = step + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
-        self._progress = (Level.OK, text, values)
+        self._progress = Level.OK, text
         if begins or now - self._logged >= LOG_PERIOD:
             self._logged = now
             self.get_logger().info(text)
@@ -211,9 +205,7 @@ class Identifier(ManagedNode):
             read = [BagWindow.parse(bag).path for bag in bags + validation]
             refuse_input(output, [*read, Path(s['start']) if s['start'] else None])
             refuse_unwritable(output, overwrite=s['force'], force=FORCE)
-        # A name in a bag: in this node's namespace if it is relative, but not remapped.
-        topic = self.resolve_topic_name(s['topic'], only_expand=True)
-        request = Request(bags, validation, topic, s['joint_names'], settings, s['apply_remedies'])
+        request = Request(bags, validation, self._topic(s), s['joint_names'], settings, s['apply_remedies'])
         result = computation.run(request, self._on_progress)
         level, text = result.level, headline(result)
         self.log(level, f'identified\n{summary(result)}')
@@ -240,20 +232,16 @@ class Identifier(ManagedNode):
 
 
 def identification_values(result: Result) -> dict[str, Any]:
-    """Return the entries of a result under flat names; matrices and single runs are only in the result file.
+    """Return the entries of a result under flat names; matrices, single runs and other criteria are in the result file.
 
     ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
-    ``warnings.0``, ``criteria.energy.P1`` ...
+    ``warnings.0`` ...
     """
     data = plain(result)
     values = parameter_values(data['parameters'])
     for key, entry in data.items():
         if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
             values |= flat(key, entry)
-    for name, answer in data['criteria'].items():
-        J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
-        brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
-        values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values
 
 
@@ -269,6 +257,3 @@ def _named(bags: list[str]) -> list[str]:
 
 
 main = partial(run, Identifier)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

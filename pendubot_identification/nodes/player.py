@@ -21,7 +21,7 @@ from pendubot_identification.recordings.mcap_file import McapFile
 from pendubot_identification.setting import Setting
 
 from .runtime import SettingsNode, run
-from .topics import check_names, message_class, weakest
+from .topics import as_recorded, message_class
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
@@ -51,7 +51,7 @@ class Player(SettingsNode):
     def _open(self, s: dict[str, Any]) -> None:
         window, self._rate, self._wait = BagWindow.parse(s['bag']), s['rate'], s['wait']
         self._reader = BagReader(window.path)
-        kinds = self._chosen([name for name in s['topics'] if name])
+        kinds = self._chosen(self._wanted(s))
         self._first_ns = self._reader.first_ns + round((window.start or 0.0) * SECOND)
         self._end_ns = self._reader.last_ns + 1
         if window.end is not None:
@@ -75,7 +75,7 @@ class Player(SettingsNode):
     def _check(self, s: dict[str, Any]) -> None:
         if not s['bag']:
             raise ParameterError('bag is empty; give the folder of a bag')
-        check_names([name for name in s['topics'] if name])
+        self._wanted(s)
 
     def _close(self) -> None:
         """Stop playing, and raise PendubotError if the bag could not be read to its end."""
@@ -84,12 +84,14 @@ class Player(SettingsNode):
         if self._failure is not None:
             raise self._failure
 
-    def _chosen(self, topics: list[str]) -> dict[str, str]:
+    def _wanted(self, s: dict[str, Any]) -> set[str]:
+        """Return the full names of the topics to play; not remapped, because they are names in a bag."""
+        return set(self.resolved([name for name in s['topics'] if name], only_expand=True))
+
+    def _chosen(self, wanted: set[str]) -> dict[str, str]:
         """Return the types of the topics to play, by their names in the bag, or raise BagError if one is missing."""
         there = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
-        if topics:
-            # Not remapped: these are names in a bag.
-            wanted = {self.resolve_topic_name(name, only_expand=True) for name in topics}
+        if wanted:
             found = {name: kind for name, kind in there.items() if {name, self._published(name)} & wanted}
         else:
             wanted = {'any topic but effort commands'}
@@ -110,7 +112,7 @@ class Player(SettingsNode):
         """Return the quality of service of a topic of the bag."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
         texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
-        return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
+        return as_recorded([profile for text in texts for profile in offered_profiles(text)], DEPTH)
 
     def _play(self) -> None:
         try:
@@ -151,6 +153,3 @@ class Player(SettingsNode):
 
 
 main = partial(run, Player)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -43,9 +43,7 @@ from pendubot_identification.setting import Setting, meant
 from .shutdown import Shutdown, at_signal, ignore_signals
 
 #: The joints that a node reads or publishes.
-JOINTS = Setting(
-    'joint_names', ['shoulder', 'elbow'], 'names of the two joints in joint_states', length=2, distinct=True
-)
+JOINTS = Setting('joint_names', ['shoulder', 'elbow'], 'the two joints in joint_states', length=2, distinct=True)
 #: Of nodes with a lifecycle.
 AUTOSTART = Setting('autostart', True, 'whether it becomes active by itself; otherwise by ros2 lifecycle set')
 
@@ -181,6 +179,14 @@ class SettingsNode(Node):
         future.set_result(outcome)
         if self.executor is not None:
             self.executor.wake()
+
+    def resolved(self, topics: Sequence[str], *, only_expand: bool = False) -> list[str]:
+        """Return full names of topics, remapped unless ``only_expand``; refuse texts that are no names."""
+        try:
+            return [self.resolve_topic_name(topic, only_expand=only_expand) for topic in topics]
+        except rclpy_implementation.RCLError as error:
+            reason = str(error).split(', at ')[0]
+            raise ParameterError(f'topics: {reason}; a name such as joint_states is expected') from error
 
     def _refuse_senseless(self, values: dict[str, Any]) -> None:
         for setting in self.SETTINGS:

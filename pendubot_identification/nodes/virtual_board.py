@@ -198,7 +198,3 @@ def main() -> int:
     finally:
         ignore_signals()
     return 0
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())
