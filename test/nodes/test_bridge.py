@@ -35,6 +35,10 @@ def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_f
     answer = r.call('arm')
     assert (answer.success, answer.message) == (True, 'armed')
     r.drive_until(0.3, lambda: r.samples[-1][6] == 0.3)
+    message = r.message
+    assert message.name == ['shoulder', 'elbow', 'shoulder_current']
+    assert {len(message.position), len(message.velocity), len(message.effort)} == {3}
+    assert message.effort[2] == pytest.approx(3.0, rel=0.01), 'of a motor of 0.1 N m/A'
     # Ten times the limit: the smaller limit, the board's, is what the motor gets.
     r.drive_until(5.0, lambda: r.samples[-1][6] == 0.5)
     assert r.trace()[:, 3].max() == 500_000

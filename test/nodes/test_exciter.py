@@ -5,6 +5,7 @@
 
 import re
 import signal
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -47,7 +48,7 @@ def exciter(**values):
     return Program('exciter', *parameters(**values))
 
 
-def test_excites_by_the_pulse_train_then_ends_disarmed(rig):
+def test_excites_by_the_pulse_train_then_ends_disarmed_or_at_a_signal(rig):
     pulses = {'period': 0.2, 'width': 0.5, 'amplitude_min': -0.3, 'amplitude_max': 0.4, 'hold': 0.02, 'seed': 7}
     with exciter(arm='true', duration=2.0, **pulses) as program:
         program.wait_for('excitation done')
@@ -57,6 +58,12 @@ def test_excites_by_the_pulse_train_then_ends_disarmed(rig):
     assert len(set(rig.torques())) > 20
     assert rig.torques()[-1] == 0
     assert not rig.armed()[-1], 'disarmed at the end'
+    with exciter(arm='true', **PULSES) as program:
+        program.wait_for('exciting')
+        rig.until(lambda: rig.torques()[-1])
+        assert program.stop(signal.SIGTERM) == 0
+    assert not rig.armed()[-1]
+    assert rig.torques()[-1] == 0
 
 
 def test_moves_nothing_before_it_is_armed_and_stops_when_it_is_disarmed(rig):
@@ -100,19 +107,9 @@ def ends_with_1(program):
     assert 'Traceback' not in program.output
 
 
-def test_ends_disarmed_at_a_signal(rig):
-    with exciter(arm='true', **PULSES) as program:
-        program.wait_for('exciting')
-        rig.until(lambda: rig.torques().any())
-        assert program.stop(signal.SIGTERM) == 0
-    assert not rig.armed()[-1]
-    assert rig.torques()[-1] == 0
-
-
-@pytest.mark.parametrize('arm', ['true', 'false'])
 @pytest.mark.parametrize(
-    ('kind', 'topic'),
-    [(Float64, EFFORT), (JointState, '/joint_states')],
+    ('arm', 'kind', 'topic'),
+    [('true', Float64, EFFORT), ('false', JointState, '/joint_states')],
     ids=['controller', 'second rig'],
 )
 def test_refuses_to_begin_beside_a_program_of_any_name(rig, stranger, arm, kind, topic):
@@ -141,17 +138,15 @@ def test_ends_disarmed_where_a_controller_comes_meanwhile(rig, stranger):
     assert rig.torques().max() <= 200_000
 
 
-@pytest.mark.parametrize('ahead', [0, 3600])
-def test_ends_disarmed_and_not_done_at_a_second_publisher_of_joint_states(rig, stranger, ahead):
-    """It is told of samples with the rig's time, and with times at which the excitation would be done."""
+def test_ends_disarmed_and_not_done_at_a_second_publisher_of_joint_states(rig, stranger):
+    """It is told of samples with times at which the excitation would be done."""
     with exciter(arm='true', **PULSES | {'duration': 600.0}) as program:
         program.wait_for('exciting')
         samples = stranger.create_publisher(JointState, '/joint_states', 10)
 
         def publish():
             message = JointState(name=['shoulder', 'elbow'], position=[0.0, 0.0], effort=[0.0, 0.0])
-            message.header.stamp = stranger.get_clock().now().to_msg()
-            message.header.stamp.sec += ahead
+            message.header.stamp.sec = int(time.time()) + 3600
             samples.publish(message)
 
         assert spin_until(stranger, lambda: publish() or program.process.poll() is not None)
