@@ -105,7 +105,7 @@ def parent(tmp_path):
         file = tmp_path / 'parent.py'
         file.write_text(PARENT)
         words = ['-c', CHILD, '', 'virtual_board', '--link', tmp_path / 'board', '--trace', tmp_path / 'trace.csv']
-        program = Program.of_file(file, sys.executable, *words, before=before, env=env)
+        program = Program(file, sys.executable, *words, before=before, env=env)
         board = os.pidfd_open(int(program.wait_for('child').split()[1]))
         program.wait_for('virtual board on')
         return program, board
@@ -124,9 +124,10 @@ def test_a_program_ends_in_order_when_its_parent_ends(parent, tmp_path, number):
     assert not (tmp_path / 'board').is_symlink(), 'it was killed'
 
 
-def test_a_program_that_was_started_by_nohup_outlives_its_parent(parent, tmp_path):
+def test_a_program_that_was_started_by_nohup_outlives_its_parent_and_terminal(parent, tmp_path):
     program, board = parent(before=('nohup',))
     program.kill()
+    signal.pidfd_send_signal(board, signal.SIGHUP)
     samples = lambda: len(list(csv.reader((tmp_path / 'trace.csv').open())))  # noqa: E731
     least, deadline = samples() + 100, time.monotonic() + 30.0
     while samples() < least:

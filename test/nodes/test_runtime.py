@@ -41,6 +41,7 @@ REFUSED = [
     ('recorder', {'topics': '["two words"]'}, 'a name such as joint_states is expected'),
     ('recorder', {'topics': '[""]'}, 'name at least one topic'),
     ('recorder', {'reserve': 2**60}, 'is not begun: its disk has'),
+    ('tracker', {'start': '/none.yaml'}, 'there is no file /none.yaml'),
     ('player', {'bag': "''"}, 'bag is empty; give the folder of a bag'),
     ('player', {'bag': '/nowhere'}, 'there is no bag /nowhere'),
     ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
@@ -149,15 +150,6 @@ def test_more_signals_than_one_change_no_exit_status(tmp_path, second):
             bridge.process.send_signal(second)
         assert bridge.process.returncode == 0
         assert 'Traceback' not in bridge.output
-
-
-def test_a_closed_terminal_is_nothing_to_who_was_started_by_nohup(tmp_path):
-    with Program('bridge', *parameters(port=tmp_path / 'board'), before=('nohup',)) as bridge:
-        bridge.wait_for('missing')
-        bridge.process.send_signal(signal.SIGHUP)
-        with pytest.raises(subprocess.TimeoutExpired):
-            bridge.process.wait(1.0)
-        assert bridge.stop(signal.SIGTERM) == 0
 
 
 #: As the console scripts start a node, said when it is about to import ROS.

@@ -236,7 +236,7 @@ def test_the_folder_of_a_bag_is_dropped(opened):
 
 @pytest.mark.ros
 def test_the_running_rig_moves_in_the_page(opened):
-    with Program.of_file(Path(__file__).with_name('publisher.py')):
+    with Program(Path(__file__).with_name('publisher.py')):
         page = opened(view='#live')
         expect(page.locator('dl')).to_contain_text('0.500')
         expect(page.get_by_text('b2 is poorly determined')).to_be_visible()
