@@ -70,6 +70,8 @@ class Program:
         arguments: of the command line.
         package: that has it.
         remedy: what to do if it is not installed.
+        node: the name of its node, if it has another one.
+        remappings: of its topics.
     """
 
     name: str
@@ -77,6 +79,8 @@ class Program:
     arguments: tuple[str, ...] = ()
     package: str = NAME
     remedy: str = f'build {NAME} with colcon, and source its workspace'
+    node: str = ''
+    remappings: tuple[tuple[str, str], ...] = ()
 
 
 def launch_file(name: str) -> dict[str, Any]:
@@ -206,7 +210,8 @@ def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str
         return node | {'name': program.name, 'on_exit': _ended, 'additional_env': ending}
     # It knows nothing of launch: the system terminates it when launch has ended.
     prefix = f'setpriv --pdeathsig TERM {texts.get("launch-prefix", "")}'
-    return node | {'remappings': [(f'/{topic}', topic) for topic in SHARED], 'prefix': prefix}
+    remappings = [*program.remappings, *((f'/{topic}', topic) for topic in SHARED)]
+    return node | {'name': program.node or None, 'remappings': remappings, 'prefix': prefix}
 
 
 def _ended(event: Any, context: Any) -> Any:

@@ -61,7 +61,8 @@ def launch(name, above='', **given):
     texts = {argument: str(default) for argument, (default, _) in known.items()} | {'ros_namespace': above}
     words = [f'{argument}:={value}' for argument, value in given.items()]
     planned = launching.plan(file['ARGUMENTS'], file['start'], texts | given, words, list(known))
-    return {each['executable']: SimpleNamespace(**{'name': None, 'on_exit': None} | each) for each in planned}
+    known = {'name': None, 'on_exit': None}
+    return {each.get('name') or each['executable']: SimpleNamespace(**known | each) for each in planned}
 
 
 def files_and_values(program):
@@ -243,6 +244,23 @@ def test_the_view_describes_the_rig_and_shows_it_where_wanted(tmp_path):
     started = launch('view', rviz='true', plotjuggler='1')
     assert tuple(started) == OTHERS
     assert all(Path(started[name].arguments[1]).is_file() for name in OTHERS[1:])
+
+
+def test_a_replayed_bag_has_its_identified_rig_beside_it_as_a_ghost(tmp_path):
+    given = {name: {'value': value} for name, value in asdict(BALANCE).items()}
+    (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': given}))
+    started = launch('replay', bag=BAG, parameters=str(tmp_path / 'rig.yaml'))
+    assert list(started) == ['player', 'robot_state_publisher', 'ghost_state_publisher']
+    assert files_and_values(started['player'])[1]['ghost'] == str(tmp_path / 'rig.yaml')
+    ghost = started['ghost_state_publisher']
+    assert ghost.executable == 'robot_state_publisher'
+    remapped = {('joint_states', 'ghost/joint_states'), ('robot_description', 'ghost/robot_description')}
+    assert remapped < set(ghost.remappings)
+    robots = [files_and_values(started[name])[1]['robot_description'] for name in list(started)[1:]]
+    measured, simulated = ({link.get('name') for link in ElementTree.fromstring(each).iter('link')} for each in robots)
+    assert measured & simulated - {None} == {'base_link'}, 'frames of both are on the same base'
+    display = yaml.safe_load((ROOT / 'config' / 'pendubot.rviz').read_text())['Visualization Manager']['Displays']
+    assert '/ghost/robot_description' in [each.get('Description Topic', {}).get('Value') for each in display]
 
 
 def test_controllers_get_the_rig_as_hardware_and_the_recorder_their_commands(packages, tmp_path):

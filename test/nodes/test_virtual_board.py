@@ -5,17 +5,16 @@
 
 import signal
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.link.protocol import Arm, Command, Decoder, Mode, encode
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
-from pendubot_identification.results.result_file import SCHEMA
+from test.nodes.conftest import written
 from test.nodes.observer import Observer
 from test.processes import Program, run_program
 from test.rig import ARMED, WATCHDOG
@@ -36,12 +35,6 @@ def pushed(*options):
     for _ in range(31):
         board.advance()
     return board.last.enc1
-
-
-def written(path, parameters):
-    values = {name: {'value': value} for name, value in asdict(parameters).items()}
-    path.write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
-    return path
 
 
 def test_a_result_takes_the_papers_place(tmp_path):
