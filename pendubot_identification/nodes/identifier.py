@@ -47,8 +47,8 @@ except ImportError:  # in a virtual environment, for which nobody built it
 
 #: Not on robot_description: a controller_manager would take the rig without its <ros2_control> element from there.
 ROBOT_DESCRIPTION = 'pendubot/robot_description'
-#: Time between two feedback messages, and two log lines, of one step [s]; the beginning of a step is logged at once.
-FEEDBACK_PERIOD, LOG_PERIOD = 0.1, 5.0
+#: Time between two feedback messages of one step [s].
+FEEDBACK_PERIOD = 0.1
 #: The parameter that lets an existing result file be overwritten.
 FORCE = 'force:=true'
 
@@ -96,9 +96,9 @@ class Identifier(ManagedNode):
     def _open(self, s: dict[str, Any]) -> None:
         self._identification = Identification(self)
         # The progress on /diagnostics, replaced as a whole so that no thread sees half of it; and the step of the
-        # computation, and when it was logged and reported last [s].
+        # computation, and when it was reported last [s].
         self._progress = Level.OK, 'waiting for ~/identify'
-        self._step, self._logged, self._reported = '', 0.0, 0.0
+        self._step, self._reported = '', 0.0
         Status(self, lambda: (*self._progress, {}), ': progress')
         self._description = self.create_publisher(String, ROBOT_DESCRIPTION, LATCHED)
         self._outcome: Future | None = None
@@ -190,8 +190,7 @@ class Identifier(ManagedNode):
         begins, self._step = step != self._step, step
         text = step + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
         self._progress = Level.OK, text
-        if begins or now - self._logged >= LOG_PERIOD:
-            self._logged = now
+        if begins:
             self.get_logger().info(text)
         if self._goal is not None and (begins or now - self._reported >= FEEDBACK_PERIOD):
             self._reported = now

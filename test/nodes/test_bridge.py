@@ -18,10 +18,9 @@ from test.processes import Program, spin_until
 from test.rig import ARMED, PATIENT, WATCHDOG
 
 pytestmark = pytest.mark.ros
-on_each_board = pytest.mark.usefixtures('each_board')
 
 
-@on_each_board
+@pytest.mark.usefixtures('each_board')
 def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_for_good(rig):
     r = rig(200, '--torque-limit', '0.5')
     r.start_board()
@@ -106,7 +105,6 @@ sys.exit(bridge.main())
 """
 
 
-@on_each_board
 @pytest.mark.parametrize('place', ['Host.next_poll', 'Health.diagnose'])
 def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path, place):
     r = rig()
@@ -125,7 +123,6 @@ def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path,
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
 
-@on_each_board
 def test_a_missing_port_is_waited_for_and_diagnostics_name_every_counter(rig):
     """Trials of benchmarks/faults lose and find it again."""
     # Glitches that follow each other closely are a speed, too.
