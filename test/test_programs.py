@@ -58,20 +58,18 @@ def test_what_is_wrong_with_the_package_itself_is_not_blamed_on_ros():
     assert missing in said
 
 
-@pytest.mark.parametrize('unbuffered', ['', '1'])
 @pytest.mark.parametrize(
-    'words',
+    ('unbuffered', 'words'),
     [
-        pytest.param(('bridge', '--help'), marks=pytest.mark.ros),
-        ('virtual_board', '--help'),
-        ('virtual_board', '--duration', '0.1'),
-        ('pendubot', '--help'),
-        ('pendubot', '--version'),
-        ('pendubot', 'info', ROOT / 'bags' / 'paper_experiment'),
+        pytest.param('', ('bridge', '--help'), marks=pytest.mark.ros),
+        ('', ('virtual_board', '--help')),
+        ('1', ('virtual_board', '--duration', '0.1')),
+        ('', ('pendubot', '--help')),
+        ('1', ('pendubot', '--help')),
+        ('', ('pendubot', 'info', ROOT / 'bags' / 'paper_experiment')),
     ],
-    ids=lambda words: ' '.join(map(str, words[:2])),
 )
-def test_a_reader_that_has_seen_enough_is_no_failure(words, unbuffered):
+def test_a_reader_that_has_seen_enough_is_no_failure(unbuffered, words):
     """As head does, in the middle of what is written or before it is flushed at the end."""
     reads, writes = os.pipe()
     os.close(reads)

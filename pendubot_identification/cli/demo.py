@@ -18,10 +18,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from pendubot_identification.control.plan import HELD, deviation, held_since
 from pendubot_identification.errors import PendubotError
@@ -33,8 +32,6 @@ from pendubot_identification.results.result_file import read_complete_result, re
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .processes import POLL, Program, Programs, own_ros
-
-Returned = TypeVar('Returned')
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ def _interruptible(folder: Path) -> Iterator[None]:
 def _identify(rclpy: Any, folder: Path) -> None:
     """Record the paper's experiment, identify, receive the parameters late, and print them beside the truth."""
     bag, written = folder / 'paper_experiment', folder / 'result.yaml'
-    _twice(lambda: _record(rclpy, bag, PAPER_RIG))
+    _twice(lambda: _record(bag, PAPER_RIG))
     with Programs(folder) as programs:
         identifier = _start_identifier(programs, bag, written)
         late = Observer(rclpy)
@@ -115,7 +112,7 @@ def _identify(rclpy: Any, folder: Path) -> None:
 def _balance(rclpy: Any, folder: Path) -> None:
     """Record, identify, swing up and hold the rig by the published parameters, and draw that."""
     bag, written, picture = folder / 'excitation', folder / 'result.yaml', folder / 'balance.png'
-    _twice(lambda: _record(rclpy, bag, BALANCE_RIG))
+    _twice(lambda: _record(bag, BALANCE_RIG))
     with Programs(folder) as programs:
         _start_identifier(programs, bag, written, model='viscous')
         observer = _twice(lambda: _balanced(rclpy, folder))
@@ -158,7 +155,7 @@ def _balanced(rclpy: Any, folder: Path) -> Observer:
     return observer
 
 
-def _twice(attempt: Callable[[], Returned]) -> Returned:
+def _twice(attempt: Callable[[], Any]) -> Any:
     """Return the result of an attempt or, if it fails, as on a computer that pauses, of an announced second one."""
     try:
         return attempt()
@@ -175,25 +172,20 @@ def _start_rig(programs: Programs, folder: Path, rig: Rig) -> None:
     programs.start('bridge', port=port, link_timeout=PAUSE, confirm_zeros='false')
 
 
-def _record(rclpy: Any, bag: Path, rig: Rig) -> None:
+def _record(bag: Path, rig: Rig) -> None:
     """Record an excited rig, in place of an earlier recording.
 
     Raises:
         PendubotError: a program ended early, or the bag was not complete in time.
     """
     shutil.rmtree(bag, ignore_errors=True)
-    observer, duration = Observer(rclpy), rig.samples / rig.rate
-    with Programs(bag.parent, observer.spin) as programs, tqdm(total=rig.samples, disable=None, leave=False) as bar:
+    duration = rig.samples / rig.rate
+    with Programs(bag.parent) as programs:
         _start_rig(programs, bag.parent, rig)
         recorder = programs.start('recorder', output=bag, max_messages=rig.samples)
         programs.start('exciter', arm='true', duration=0.0, **rig.pulses)
         print(f'exciting and recording for {duration:g} s', flush=True)
-
-        def complete() -> bool:
-            bar.update(min(len(observer.samples), rig.samples) - bar.n)
-            return recorder.poll() == 0
-
-        programs.wait(recorder, complete, 'did not finish its bag', duration + 40.0)
+        programs.wait(recorder, lambda: recorder.poll() == 0, 'did not finish its bag', duration + 40.0)
     print(f'recorded {bag}', flush=True)
 
 

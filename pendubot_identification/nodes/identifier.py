@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -51,18 +50,8 @@ ROBOT_DESCRIPTION = 'pendubot/robot_description'
 FEEDBACK_PERIOD = 0.1
 #: The parameter that lets an existing result file be overwritten.
 FORCE = 'force:=true'
-
-
-def _options() -> Iterator[Setting]:
-    """Yield the options of an identification as ROS parameters."""
-    for option in OPTIONS:
-        if option is DELAY:
-            for name, end, default in zip(('delay_min', 'delay_max'), ('least', 'greatest'), DELAYS, strict=True):
-                yield replace(option, name=name, default=default, description=f'{option.description}: the {end}')
-        elif option is CRITERION:
-            yield replace(option, choices=())  # the text names several of them
-        elif option is not PER_VECTOR:
-            yield option
+#: How options of an identification differ as ROS parameters: the text of the criterion names several.
+CHANGED: dict[str, dict[str, Any]] = {CRITERION.name: {'choices': ()}, DELAY.name: {'default': [*DELAYS], 'length': 2}}
 
 
 class Identifier(ManagedNode):
@@ -82,7 +71,7 @@ class Identifier(ManagedNode):
             Setting('validate', [''], 'bags that only validate; by default the rest of the bags'),
             Setting('topic', 'joint_states', 'topic with the joint states in the bags'),
             JOINTS,
-            *_options(),
+            *(replace(option, **CHANGED.get(option.name, {})) for option in OPTIONS if option is not PER_VECTOR),
             *CONVERSION,
             APPLY_REMEDIES,
             Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units'),
@@ -248,7 +237,7 @@ def _settings(values: dict[str, Any]) -> Settings:
     lower, upper = values['lower_bounds'], values['upper_bounds']
     bounds = Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])])
     options = {option.name: values[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in values}
-    return settings_of(options | {'delay': (values['delay_min'], values['delay_max'])}, bounds)
+    return settings_of(options, bounds)
 
 
 def _named(bags: list[str]) -> list[str]:

@@ -14,8 +14,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.processes import Program, parameters, run_program, spin_until
+from test.processes import Program, parameters, spin_until
 from test.rig import ARMED, PATIENT, Rig
 
 pytestmark = pytest.mark.ros
@@ -76,29 +75,6 @@ def test_moves_nothing_before_it_is_armed_and_stops_when_it_is_disarmed(rig):
         assert rig.call('disarm').success
         program.wait_for('the bridge is no longer armed')
         assert program.process.wait(10) == 1
-
-
-def test_moves_nothing_that_is_not_recorded(rig, tmp_path):
-    """By itself it arms only when a recorder writes; one that has nothing to write to is none."""
-    with exciter(arm='true', recorded='true', **PULSES) as program:
-        program.wait_for('waiting for a recorder of /joint_states')
-        assert run_program('recorder', *parameters(output=tmp_path)).returncode == 1
-        assert not rig.armed().any()
-        assert rig.call('arm').success, 'whoever arms'
-        # It says so every five seconds.
-        program.wait_for('waiting for a recorder of /joint_states')
-        assert not rig.torques().any()
-        with Program('recorder', *parameters(output=tmp_path / 'bag')) as recorder:
-            program.wait_for('exciting')
-            begun = len(rig.torques())
-            rig.until(lambda: len(rig.torques()) > begun + 50)
-            recorder.kill()
-            program.wait_for('stopped: nothing was recorded for 5 s; look at the recorder')
-            assert program.process.wait(10) == 1
-    assert not rig.armed()[-1]
-    torque = read_trajectory(tmp_path / 'bag').trajectory.tau[:, 0]
-    assert torque[0] == 0.0, 'it moved before it was recorded'
-    assert torque.any()
 
 
 def ends_with_1(program):

@@ -195,7 +195,7 @@ def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client)
     [
         ('criterion', 'energy,magic', 'criterion is magic; one of energy, weak, likelihood'),
         ('model', 'magic', 'one of auto, viscous'),
-        ('delay_min', 0.2, 'the delay is searched from 0.2 to 0.1 s'),
+        ('delay', [0.2, 0.1], 'the delay is searched from 0.2 to 0.1 s'),
         ('start', '/nowhere.yaml', 'there is no file /nowhere.yaml'),
         ('link_length', -1.0, '-1.0'),
         ('population', 4, 'population is 4; a whole number from 5'),
