@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -26,11 +25,10 @@ from pendubot_identification.formats.export import export
 from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.computation import Computation, Request
-from pendubot_identification.results.options import settings_of
+from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import Result, plain
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
@@ -74,8 +72,7 @@ class Identifier(ManagedNode):
             *(replace(option, **CHANGED.get(option.name, {})) for option in OPTIONS if option is not PER_VECTOR),
             *CONVERSION,
             APPLY_REMEDIES,
-            Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units'),
-            Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units'),
+            Setting('bounds', [''], 'other search intervals than the default ones, each NAME=LOW:HIGH or NAME=VALUE'),
             Setting('output', '', 'result file to write; empty: none'),
             Setting('force', False, 'whether an existing result file is overwritten'),
             AUTOSTART,
@@ -234,14 +231,13 @@ def identification_values(result: Result) -> dict[str, Any]:
 
 
 def _settings(values: dict[str, Any]) -> Settings:
-    lower, upper = values['lower_bounds'], values['upper_bounds']
-    bounds = Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])])
+    intervals = dict(each.partition('=')[::2] for each in _named(values['bounds']))
     options = {option.name: values[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in values}
-    return settings_of(options, bounds)
+    return settings_of(options, bounds_of(intervals))
 
 
-def _named(bags: list[str]) -> list[str]:
-    return [bag for bag in bags if bag]
+def _named(texts: list[str]) -> list[str]:
+    return [text for text in texts if text]
 
 
 main = partial(run, Identifier)

@@ -199,8 +199,8 @@ def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client)
         ('start', '/nowhere.yaml', 'there is no file /nowhere.yaml'),
         ('link_length', -1.0, '-1.0'),
         ('population', 4, 'population is 4; a whole number from 5'),
-        ('upper_bounds', [-1.0] * 14, 'bounds of P1 are inverted'),
-        ('upper_bounds', [1.0] * 7, '14 lower and 7 upper bounds were given'),
+        ('bounds', ['P1=1:0'], 'bounds of P1 are inverted'),
+        ('bounds', ['P1'], "P1 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0"),
         ('joint_names', ['a'], 'joint_names has 1 values; 2 are expected'),
     ],
 )

@@ -103,8 +103,7 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
         values = map(parameter_value_to_python, answer(client.get_parameters(names)).values)
         return yaml.dump({'/identifier': {'ros__parameters': dict(zip(names, values, strict=True))}})
 
-    bounds = {'lower_bounds': [0.0, 1e-9, *[0.0] * 5], 'upper_bounds': [1.0] * 7}
-    with Program('identifier', *parameters(model='viscous', **bounds)):
+    with Program('identifier', *parameters(delay='[0.0, 1.0e-09]')):
         client = AsyncParameterClient(node, '/identifier')
         assert client.wait_for_services(20.0)
         file.write_text(dump())
