@@ -52,7 +52,7 @@ EXPECTED = {
 #: The programs that only show the rig share one enclave of config/sros2_policy.xml; each other one of ours has its own.
 VIEWERS = ('robot_state_publisher', 'rviz2', 'plotjuggler')
 #: Absolute names of topics in programs of other packages, which two rigs would share.
-SHARED = ('tf', 'tf_static', 'joint_states', 'robot_description')
+SHARED = ('tf', 'tf_static', 'joint_states', *(f'{rig}robot_description' for rig in ('', 'pendubot/', 'ghost/')))
 #: The nodes of this package that were started.
 _nodes: list[Any] = []
 
