@@ -3,7 +3,10 @@
 
 """A bag played again, and shown: the motion of a rig without the rig. It ends with the bag.
 
+With parameters, the rig that has them moves beside it as a ghost, simulated by the recorded torque.
+
 ros2 launch pendubot_identification replay.launch.py bag:=swing rviz:=true
+ros2 launch pendubot_identification replay.launch.py bag:=swing rviz:=true parameters:=result.yaml
 """
 
 from pendubot_identification.errors import ParameterError
@@ -23,7 +26,8 @@ def start(given):
     if not given['bag']:
         raise ParameterError('bag is empty; give the folder of a bag: bag:=FOLDER')
     BagReader(BagWindow.parse(given['bag']).path)  # refuses a bag that is missing
-    return [Program('player', ({'bag': given['bag'], 'rate': given['rate']},)), *VIEW['start'](given)]
+    values = {'bag': given['bag'], 'rate': given['rate'], 'ghost': given['parameters']}
+    return [Program('player', (values,)), *VIEW['start'](given | {'ghost': given['parameters']})]
 
 
 def generate_launch_description():

@@ -9,6 +9,7 @@ ros2 launch pendubot_identification view.launch.py rviz:=true l1:=0.2 l2:=0.3
 ros2 launch pendubot_identification view.launch.py rviz:=true parameters:=result.yaml
 """
 
+import re
 from pathlib import Path
 
 from pendubot_identification.formats.export import export
@@ -44,10 +45,17 @@ def start(given):
     if given['parameters']:
         urdf, _ = export(read_result(Path(given['parameters'])), 'urdf')
     urdf = urdf.replace('</robot>', f'{given.get("hardware", "")}</robot>')
+    publishers = [shown('robot_state_publisher', 'view', parameters=({'robot_description': urdf},))]
+    if given.get('ghost'):
+        # On the same base, with links of its own; RViz shows it as a second robot.
+        urdf = re.sub('"(link_.|tip)"', r'"ghost_\1"', urdf)
+        topics = tuple((topic, f'ghost/{topic}') for topic in ('joint_states', 'robot_description'))
+        how = {'parameters': ({'robot_description': urdf},), 'node': 'ghost_state_publisher', 'remappings': topics}
+        publishers.append(shown('robot_state_publisher', 'view', **how))
     rviz = '-d', str(resource('config/pendubot.rviz'))
     plotjuggler = '--layout', str(resource('config/plotjuggler.xml'))
     return [
-        shown('robot_state_publisher', 'view', parameters=({'robot_description': urdf},)),
+        *publishers,
         *([shown('rviz2', 'rviz', arguments=rviz)] if given['rviz'] else []),
         *([shown('plotjuggler', 'plotjuggler', arguments=plotjuggler)] if given['plotjuggler'] else []),
     ]

@@ -52,7 +52,7 @@ EXPECTED = {
 #: The programs that only show the rig share one enclave of config/sros2_policy.xml; each other one of ours has its own.
 VIEWERS = ('robot_state_publisher', 'rviz2', 'plotjuggler')
 #: Absolute names of topics in programs of other packages, which two rigs would share.
-SHARED = ('tf', 'tf_static', 'joint_states', 'robot_description')
+SHARED = ('tf', 'tf_static', 'joint_states', *(f'{rig}robot_description' for rig in ('', 'pendubot/', 'ghost/')))
 #: The nodes of this package that were started.
 _nodes: list[Any] = []
 
@@ -63,20 +63,15 @@ class Program:
 
     When a program of this package ends, everything ends: with status 1, if it failed. A program of another package only
     shows the rig: when it ends, all others go on.
-
-    Attributes:
-        name: of the executable and its node.
-        parameters: files, and values by name; later ones count.
-        arguments: of the command line.
-        package: that has it.
-        remedy: what to do if it is not installed.
     """
 
-    name: str
-    parameters: tuple[str | dict[str, Any], ...] = ()
+    name: str  #: Of the executable, and of its node unless ``node`` is given.
+    parameters: tuple[str | dict[str, Any], ...] = ()  #: Files, and values by name; later ones count.
     arguments: tuple[str, ...] = ()
     package: str = NAME
-    remedy: str = f'build {NAME} with colcon, and source its workspace'
+    remedy: str = f'build {NAME} with colcon, and source its workspace'  #: What to do if it is not installed.
+    node: str = ''
+    remappings: tuple[tuple[str, str], ...] = ()
 
 
 def launch_file(name: str) -> dict[str, Any]:
@@ -127,9 +122,8 @@ def described(arguments: Mapping[str, tuple[Any, str]], start: Callable[[dict[st
         _nodes.extend(node for node, each in zip(made, planned, strict=True) if 'on_exit' in each)
         environment = planned[0]['additional_env']
         if environment[RANGE] == 'LOCALHOST' and PROFILES[0] not in environment:
-            names = ' or '.join(PROFILES)
-            text = f'the Fast DDS profile that {names} names is kept: it decides whether programs on other machines '
-            return [LogInfo(msg=f'{text}can arm the motor'), *made]
+            text = f'your {" or ".join(PROFILES)} decides whether programs on other machines can arm the motor'
+            return [LogInfo(msg=text), *made]
         return made
 
     declared = [
@@ -146,14 +140,10 @@ def plan(
     words: Sequence[str] = (),
     known: Sequence[str] = (),
 ) -> list[dict[str, Any]]:
-    """Return the arguments of ``launch_ros.actions.Node`` for each program of a launch file, all of them checked.
+    """Return the arguments of ``launch_ros.actions.Node`` for each program of a launch file, see :func:`described`.
 
-    Args:
-        arguments: see :func:`described`.
-        start: likewise.
-        texts: the launch configurations: arguments as text, ``ros_namespace`` of an including file, and others.
-        words: of the command line, NAME:=VALUE.
-        known: the names of all arguments that exist.
+    ``texts`` are the launch configurations: arguments, ``ros_namespace`` of an including file, and others. ``words``
+    are those of the command line, NAME:=VALUE, and ``known`` the names of all arguments that exist.
 
     Raises:
         PendubotError: an argument or a program is missing or makes no sense.
@@ -176,11 +166,7 @@ def plan(
 
 
 def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str]) -> dict[str, Any]:
-    """Return the arguments of ``launch_ros.actions.Node`` for a program.
-
-    Raises:
-        ParameterError: it is not installed.
-    """
+    """Return the arguments of ``launch_ros.actions.Node`` for a program; refuse one that is not installed."""
     if not is_installed(program.package, f'lib/{program.package}/{program.name}'):
         raise ParameterError(f'{program.name} is not installed; {program.remedy}')
     node = {
@@ -206,7 +192,8 @@ def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str
         return node | {'name': program.name, 'on_exit': _ended, 'additional_env': ending}
     # It knows nothing of launch: the system terminates it when launch has ended.
     prefix = f'setpriv --pdeathsig TERM {texts.get("launch-prefix", "")}'
-    return node | {'remappings': [(f'/{topic}', topic) for topic in SHARED], 'prefix': prefix}
+    remappings = [*program.remappings, *((f'/{topic}', topic) for topic in SHARED)]
+    return node | {'name': program.node or None, 'remappings': remappings, 'prefix': prefix}
 
 
 def _ended(event: Any, context: Any) -> Any:

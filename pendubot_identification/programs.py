@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The installed programs: the nodes, which need ROS, and the command line."""
+"""The installed programs: the nodes, which need ROS, and the command line. As a module it runs the named node."""
 
 from __future__ import annotations
 
@@ -67,3 +67,6 @@ exciter = partial(_start, 'exciter')
 balancer = partial(_start, 'balancer')
 tracker = partial(_start, 'tracker')
 virtual_board = partial(_start, 'virtual_board')
+
+if __name__ == '__main__':
+    sys.exit(_start(sys.argv.pop(1)))

@@ -40,18 +40,13 @@ class LiveRig(Rig):
 
     def publish(self, rig=BALANCE, level=0, message='identified', delay=0.004):
         """Do as the identifier would with these parameters, or with a vector of them."""
-        from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-
         from pendubot_identification.level import Level
-        from pendubot_identification.nodes.messages import status_message
+        from pendubot_identification.nodes.messages import parameters_message, status_message
 
-        theta = [float(value) for value in (rig.vector() if hasattr(rig, 'vector') else rig)]
-        names = NAMES[: len(theta)]
-        values = dict(zip(names, theta, strict=True)) | {'effort.delay': delay}
+        theta = np.array(rig.vector() if hasattr(rig, 'vector') else rig)
+        values = dict(zip(NAMES, theta, strict=False)) | {'effort.delay': delay}
         self.identification.publish(status_message(self.node, 'x', Level(level), message, values))
-        params = Float64MultiArray(data=theta)
-        params.layout.dim = [MultiArrayDimension(label=','.join(names), size=len(theta), stride=len(theta))]
-        self.params.publish(params)
+        self.params.publish(parameters_message(theta))
 
     def said(self):
         """The balancer's diagnoses."""

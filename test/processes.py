@@ -14,13 +14,15 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tracker', 'virtual_board'
-MODULES = {name: f'pendubot_identification.nodes.{name}' for name in NODES}
+#: How each program is run as a module of Python.
+MODULES = {name: ('pendubot_identification.programs', name) for name in NODES}
 #: What may be the virtual board: the package's, and the firmware as a Linux program.
-BOARDS = {'python': MODULES['virtual_board'], 'c': 'test.firmware.host_board'}
-MODULES |= {'pendubot': 'pendubot_identification.cli.main', 'watcher': 'pendubot_identification.nodes.watcher'}
-MODULES |= {'listener': 'test.listener'}
+BOARDS = {'python': MODULES['virtual_board'], 'c': ('test.firmware.host_board',)}
+MODULES |= {'pendubot': ('pendubot_identification.cli.main',), 'watcher': ('pendubot_identification.nodes.watcher',)}
+MODULES |= {'listener': ('test.listener',)}
 
 
 def parameters(**values):
@@ -38,7 +40,7 @@ def run_program(name, *args, timeout=120, env=None, file_limit=None):
         resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
 
     return subprocess.run(
-        [sys.executable, '-m', MODULES[name], *map(str, args)],
+        [sys.executable, '-m', *MODULES[name], *map(str, args)],
         capture_output=True,
         text=True,
         timeout=timeout,
@@ -51,22 +53,14 @@ def run_program(name, *args, timeout=120, env=None, file_limit=None):
 class Program:
     """A program running in its own process; its output is collected, and can be waited for line by line."""
 
-    def __init__(self, name, *args, env=None, before=()):
-        self._start(name, ['-m', MODULES[name], *map(str, args)], env, before)
-
-    @classmethod
-    def of_file(cls, path, *args, env=None, before=()):
-        """Run a file of Python."""
-        program = cls.__new__(cls)
-        program._start(path.name, [str(path), *map(str, args)], env, before)
-        return program
-
-    def _start(self, name, args, env=None, before=()):
-        self.name = name
+    def __init__(self, program, *args, env=None, before=()):
+        """Start a program by its name, or a file of Python by its path."""
+        self.name = str(program)
+        run = [self.name] if isinstance(program, Path) else ['-m', *MODULES[program]]
         self.lines = []
         self._queue = queue.Queue()
         self.process = subprocess.Popen(
-            [*before, sys.executable, '-u', *args],
+            [*before, sys.executable, '-u', *run, *map(str, args)],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,

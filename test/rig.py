@@ -45,6 +45,7 @@ class Rig:
         return self.node.create_publisher(self.float64, '/pendubot/effort_command', 1)
 
     def _on_sample(self, m):
+        self.message = m
         stamp = m.header.stamp.sec * 10**9 + m.header.stamp.nanosec
         joints = (value for field in (m.position, m.velocity, m.effort, m.name) for value in field[:2])
         self.samples.append((time.time_ns(), stamp, *joints))

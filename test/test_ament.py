@@ -11,28 +11,7 @@ from test.conftest import ROOT
 
 PLACES = [str(ROOT / part) for part in ('benchmarks', 'docs', 'launch', 'pendubot_identification', 'setup.py', 'test')]
 #: Docstrings are in Google's style; the others are what the convention "ament" ignores.
-PEP257 = [
-    'D100',
-    'D101',
-    'D102',
-    'D103',
-    'D104',
-    'D105',
-    'D106',
-    'D107',
-    'D203',
-    'D212',
-    'D404',
-    'D205',
-    'D213',
-    'D400',
-    'D401',
-    'D403',
-    'D406',
-    'D407',
-    'D413',
-    'D415',
-]
+PEP257 = [f'D{number}' for number in (*range(100, 108), 203, 205, 212, 213, 400, 401, 403, 404, 406, 407, 413, 415)]
 HEADER = '{copyright}\nSPDX-License-Identifier: Apache-2.0\n'
 
 

@@ -64,18 +64,17 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
             named = Path(re.search(r'(?:commented parameter file|sample bag): (\S+)', said)[1])
             assert named.is_relative_to(tmp_path), f'{named} is of another install'
             assert named.exists()
+    assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
+    for folder in ('config', 'foxglove', 'launch', 'examples'):
+        ours = {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
+        assert {path.name for path in (share / 'pendubot_identification' / folder).iterdir()} == ours
+    if options:
+        return
     bag = share / 'pendubot_identification/bags/paper_experiment'
     sourced(f'"{programs / "pendubot"}" identify "{bag}" --optimizer lsq --output result.yaml --report look')
     assert (tmp_path / 'result.yaml').is_file()
     assert (tmp_path / 'look' / 'report.html').is_file(), 'the page needs its template'
     assert sourced(f'"{programs / "pendubot"}" --version').endswith('compiled kernel\n')
-    assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
-    for folder in ('config', 'foxglove', 'launch', 'examples'):
-        ours = {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
-        assert {path.name for path in (share / 'pendubot_identification' / folder).iterdir()} == ours
-    python = 'from pendubot_identification.formats import robots as r; r.drawn(0.2, 0.3)'
-    described = sourced(f'"{sys.executable}" -c "{python}; print(r.__file__)"')
-    assert Path(described.strip()).is_relative_to(tmp_path)
 
 
 def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tmp_path):
@@ -101,6 +100,6 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     env = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
     assert run([sys.executable, '-c', 'import numpy; print(numpy.__version__)'], ROOT, env) == '1.26.4\n'
     run([sys.executable, '-m', 'pytest', '-q', 'test/recordings/test_joint_states.py'], ROOT, env)
-    (tmp_path / 'quick.yaml').write_text('{runs: 2, generations: 300, model: viscous}')
+    (tmp_path / 'quick.yaml').write_text('{runs: 2, generations: 300, model: viscous, hold: zero}')
     identify = ['identify', 'bags/paper_experiment@0:2', '--settings', str(tmp_path / 'quick.yaml')]
     run([sys.executable, '-m', 'pendubot_identification.cli.main', *identify], ROOT, {**env, 'PENDUBOT_KERNEL': 'off'})

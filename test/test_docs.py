@@ -204,7 +204,7 @@ def test_the_controller_receives_what_was_latched_before_it_started(ros):
     status.publish(status_message(node, 'identification', Level.WARN, 'so so', {}))
     params.publish(parameters_message(result.theta.vector(result.model)))
     try:
-        with Program.of_file(ROOT / 'examples' / 'controller.py') as controller:
+        with Program(ROOT / 'examples' / 'controller.py') as controller:
             for _ in range(3):  # two topics, so in any order
                 controller.wait_for('[controller]:')
             assert 'level 1: so so' in controller.output

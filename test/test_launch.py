@@ -7,15 +7,10 @@ test_launched.py hands the plans to the real launch library, where that is insta
 """
 
 import importlib
-import os
 import re
-import select
-import signal
-import sys
-from collections import defaultdict
 from dataclasses import asdict
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -25,11 +20,8 @@ from pendubot_identification import launching
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.formats.export import export
 from pendubot_identification.model.parameters import BALANCE
-from pendubot_identification.nodes.shutdown import LAUNCH
 from pendubot_identification.results.result_file import read_result
-from test import processes
 from test.conftest import ROOT
-from test.processes import Program
 
 PACKAGE = 'pendubot_identification'
 PROGRAMS = 'bridge', 'recorder', 'exciter', 'player', 'identifier', 'virtual_board'
@@ -69,7 +61,8 @@ def launch(name, above='', **given):
     texts = {argument: str(default) for argument, (default, _) in known.items()} | {'ros_namespace': above}
     words = [f'{argument}:={value}' for argument, value in given.items()]
     planned = launching.plan(file['ARGUMENTS'], file['start'], texts | given, words, list(known))
-    return {each['executable']: SimpleNamespace(**{'name': None, 'on_exit': None} | each) for each in planned}
+    known = {'name': None, 'on_exit': None}
+    return {each.get('name') or each['executable']: SimpleNamespace(**known | each) for each in planned}
 
 
 def files_and_values(program):
@@ -193,107 +186,6 @@ def test_a_namespace_is_below_that_of_the_including_file_unless_it_is_absolute(t
         assert launch('rig', above='/hall', namespace=namespace, bridge=str(file))['bridge'].namespace == namespace
 
 
-@pytest.fixture
-def library(monkeypatch):
-    """Stands in for the launch library as far as descriptions need it; returns what is made of its classes, by name."""
-    made = defaultdict(list)
-
-    def maker(kind):
-        return lambda *args, **how: made[kind].append(SimpleNamespace(args=args, **how)) or made[kind][-1]
-
-    for name, kinds in {
-        'launch': ['LaunchDescription'],
-        'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'LogInfo', 'OpaqueFunction'],
-        'launch.events': ['Shutdown'],
-        'launch_ros': [],
-        'launch_ros.actions': ['Node'],
-        'launch_ros.parameter_descriptions': ['ParameterValue'],
-    }.items():
-        module = ModuleType(name)
-        vars(module).update({kind: maker(kind) for kind in kinds})
-        monkeypatch.setitem(sys.modules, name, module)
-    before = signal.getsignal(signal.SIGTERM)
-    yield made
-    signal.signal(signal.SIGTERM, before)
-
-
-@pytest.mark.parametrize('name', NEEDED)
-def test_a_description_declares_every_argument_and_starts_the_plan_or_nothing_in_one_action(monkeypatch, library, name):
-    monkeypatch.setenv(PROFILES[0], '/mine.xml')
-    launching.launch_file(f'{name}.launch.py')['generate_launch_description']()
-    texts = {each.args[0]: each.default_value for each in library['DeclareLaunchArgument']} | NEEDED[name]
-    (action,) = library['OpaqueFunction']
-    context = SimpleNamespace(launch_configurations=texts, argv=[], locals=SimpleNamespace(event=None))
-    logged, *nodes = action.function(context)
-    assert 'is kept: it decides whether programs on other machines can arm' in logged.msg
-    assert [node.executable for node in nodes] == list(launch(name, **NEEDED[name]))
-    # Of a file that includes this one, with an argument of its own.
-    whole = SimpleNamespace(get_launch_arguments=lambda: [SimpleNamespace(name='speed')])
-    context.locals.event = SimpleNamespace(launch_description=whole)
-    context.argv = ['speed:=1']
-    assert action.function(context)
-    context.argv = ['sped:=1']
-    with pytest.raises(ParameterError, match='nothing was started: this launch has no argument sped; is speed meant'):
-        action.function(context)
-
-
-def test_when_a_program_ends_everything_ends_and_when_one_failed_with_an_error(library):
-    """Launch returns another status than 0 only where something raises."""
-    for program in launch('virtual', rviz='true').values():
-        if program.package != PACKAGE:
-            assert program.on_exit is None, 'who closes a window ends no recording'
-            continue
-        ended = SimpleNamespace(process_name='it', returncode=0)
-        context = SimpleNamespace(is_shutdown=False)
-        assert program.on_exit(ended, context).event.reason == 'it has ended'
-        for status in (1, -signal.SIGKILL, -signal.SIGINT):
-            ended.returncode = status
-            with pytest.raises(PendubotError, match=f'it failed, with status {status}: everything ends'):
-                program.on_exit(ended, context)
-        context.is_shutdown = True
-        for number in (signal.SIGINT, signal.SIGTERM):
-            ended.returncode = -number
-            assert program.on_exit(ended, context), 'who is told to end has not failed'
-
-
-@pytest.mark.ros
-def test_programs_end_disarmed_when_launch_is_killed(tmp_path):
-    """The programs of a real launch by a parent that can tell them nothing more."""
-    trace, script, own = tmp_path / 'trace.csv', tmp_path / 'launch.py', tmp_path / 'own.yaml'
-    own.write_text('/**/bridge: {ros__parameters: {confirm_zeros: false}}')
-    given = {'port': str(tmp_path / 'rig'), 'output': str(tmp_path / 'bag'), 'bridge': str(own)}
-    commands = []
-    for name, program in launch('rig', **given, arm='true', view='false').items():
-        files, values = files_and_values(program)
-        typed = tmp_path / f'{name}.yaml'
-        typed.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
-        words = [word for file in (*files, str(typed)) for word in ('--params-file', file)]
-        assert program.additional_env[LAUNCH] == str(os.getpid())
-        commands.append([sys.executable, '-m', processes.MODULES[name], *program.arguments, '--ros-args', *words])
-    script.write_text(
-        'import os, subprocess\n'
-        f'environment = {{**os.environ, {LAUNCH!r}: str(os.getpid())}}\n'
-        f'started = [subprocess.Popen(command, env=environment) for command in {commands}]\n'
-        'print("started", *(each.pid for each in started), flush=True)\n'
-        'started[0].wait()\n'
-    )
-    with Program('virtual_board', '--link', given['port'], '--trace', trace) as board:
-        board.wait_for('virtual board on')
-        with Program.of_file(script) as parent:
-            ends = [os.pidfd_open(int(number)) for number in parent.wait_for('started').split()[1:]]
-            try:
-                parent.wait_for('exciting for')
-            finally:
-                parent.kill()
-                left = [end for end in ends if not select.select([end], [], [], 10.0)[0]]
-                for end in left:
-                    signal.pidfd_send_signal(end, signal.SIGKILL)
-            assert (len(ends), left) == (3, [])
-    *_, torque, status = trace.read_text().splitlines()[-1].split(',')
-    assert int(torque) == 0
-    assert int(status) & 1 == 0, 'armed'
-
-
 #: Where somebody's own parameter file is named.
 MINE = '~/mine.yaml'
 TRAIN = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 3}
@@ -352,6 +244,24 @@ def test_the_view_describes_the_rig_and_shows_it_where_wanted(tmp_path):
     started = launch('view', rviz='true', plotjuggler='1')
     assert tuple(started) == OTHERS
     assert all(Path(started[name].arguments[1]).is_file() for name in OTHERS[1:])
+
+
+def test_a_replayed_bag_has_its_identified_rig_beside_it_as_a_ghost(tmp_path):
+    given = {name: {'value': value} for name, value in asdict(BALANCE).items()}
+    (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': given}))
+    started = launch('replay', bag=BAG, parameters=str(tmp_path / 'rig.yaml'))
+    assert list(started) == ['player', 'robot_state_publisher', 'ghost_state_publisher']
+    assert files_and_values(started['player'])[1]['ghost'] == str(tmp_path / 'rig.yaml')
+    ghost = started['ghost_state_publisher']
+    assert ghost.executable == 'robot_state_publisher'
+    remapped = {('joint_states', 'ghost/joint_states'), ('robot_description', 'ghost/robot_description')}
+    remapped |= {('/ghost/robot_description', 'ghost/robot_description')}  # of RViz, in a namespace
+    assert remapped < set(ghost.remappings)
+    robots = [files_and_values(started[name])[1]['robot_description'] for name in list(started)[1:]]
+    measured, simulated = ({link.get('name') for link in ElementTree.fromstring(each).iter('link')} for each in robots)
+    assert measured & simulated - {None} == {'base_link'}, 'frames of both are on the same base'
+    display = yaml.safe_load((ROOT / 'config' / 'pendubot.rviz').read_text())['Visualization Manager']['Displays']
+    assert '/ghost/robot_description' in [each.get('Description Topic', {}).get('Value') for each in display]
 
 
 def test_controllers_get_the_rig_as_hardware_and_the_recorder_their_commands(packages, tmp_path):

@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from test.conftest import ROOT
-from test.processes import Program, call
+from test.processes import Program
 from test.test_launch import INSTALLED, NEEDED, PACKAGE, RANGE, files_and_values, launch
 
 pytestmark = [
@@ -70,9 +70,7 @@ def launched(tmp_path):
             (index / package).touch()
         path = os.pathsep.join([str(ROOT), *sys.path[1:]])
         env = {'AMENT_PREFIX_PATH': str(tmp_path / 'prefix'), 'PYTHONPATH': path}
-        programs.append(
-            Program.of_file(script, ROOT / 'launch' / f'{name}.launch.py', *arguments, env=env, before=before)
-        )
+        programs.append(Program(script, ROOT / 'launch' / f'{name}.launch.py', *arguments, env=env, before=before))
         return programs[-1]
 
     yield start
@@ -123,40 +121,12 @@ def test_the_library_starts_the_planned_programs_with_their_parameters(launched,
     program.stop()
 
 
-def test_with_a_keystore_the_programs_start_in_their_enclaves(launched, tmp_path, monkeypatch):
-    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
-    program = launched('rig', TELLS, 'view:=false')
-    until(lambda: len(list(tmp_path.glob('*.json'))) == 3 or program.process.poll() is not None)
-    assert program.process.poll() is None, program.output
-    for name in ('bridge', 'recorder', 'exciter'):
-        words, _ = json.loads((tmp_path / f'{name}.json').read_text())
-        assert words[words.index('--enclave') + 1] == f'/pendubot/{name}'
-        assert words.index('--enclave') > words.index('--ros-args')
-    program.stop()
-
-
-def test_the_exciter_waits_until_the_recorder_is_active(ros, rig, tmp_path):
-    from lifecycle_msgs.msg import Transition
-    from lifecycle_msgs.srv import ChangeState
-
-    start, last = rig
-    program = start('autostart:=false')
-    node = ros.create_node('manager')
-
-    def change(name, label):
-        client = node.create_client(ChangeState, f'/{name}/change_state')
-        assert call(node, client, ChangeState.Request(transition=Transition(label=label))).success
-
-    program.wait_for('waiting for /joint_states: start the bridge')
-    for label in ('configure', 'activate'):
-        change('bridge', label)
-    program.wait_for('waiting for a recorder of /joint_states')
-    change('recorder', 'configure')
-    assert last() == (0, 0)
-    change('recorder', 'activate')
-    program.wait_for('exciting for')
-    node.destroy_node()
-    program.stop()
+def test_when_a_program_fails_everything_ends_with_1(launched, tmp_path):
+    (tmp_path / 'own.yaml').write_text('/**/bridge: {ros__parameters: {watchdog_ms: 3}}')
+    given = {'bridge': tmp_path / 'own.yaml', 'output': tmp_path / 'bag', 'view': 'false'}
+    program = launched('rig', REAL, *(f'{name}:={value}' for name, value in given.items()))
+    program.wait_for('failed, with status 1: everything ends')
+    assert program.process.wait(30) == 1
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])

@@ -73,7 +73,7 @@ def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(ma
     script.write_text(ARM)
 
     def answer(where, seconds, **env):
-        with Program.of_file(script, seconds, env={**NO_PROFILE, **env}, before=where) as program:
+        with Program(script, seconds, env={**NO_PROFILE, **env}, before=where) as program:
             program.process.wait(seconds + 30)
             program.wait_for('')
             return program.lines[-1]

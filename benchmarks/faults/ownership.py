@@ -278,25 +278,6 @@ def restart(folder, _):
     yield 'no torque', f'{sorted(given)} micro-N m', given == {0}
 
 
-def second_publisher(folder, _):
-    """A second publisher of effort commands comes while the motor runs."""
-    with live_rig(folder) as rig:
-        rig.start_board()
-        rig.start_bridge('watchdog_ms:=500')
-        rig.until_samples(20)
-        drive(rig, OWN)
-        other = rig.node.create_publisher(rig.float64, '/pendubot/effort_command', 1)
-        rig.drive_until(OWN, lambda: other.publish(rig.float64(data=FOREIGN)) or rig.diagnosed(2, 'publish'))
-        begun = len(rig.trace())
-        samples(rig, 300, OWN)
-        given, refused = torques_since(rig, begun), rig.call('arm')
-        its = np.count_nonzero(rig.trace()[:, 3] == round(MICRO * FOREIGN))
-    yield 'disarmed', f'{sorted(given)} micro-N m', given == {0}
-    # Its first command may come a moment before it is counted; the bridge looks every 10 ms at least.
-    yield 'none of its torque, or for 20 ms', f'{its} ms', its <= 20
-    yield 'not armed while both are there', refused.message, not refused.success
-
-
 def stopped(folder, long):
     """SIGSTOP of the bridge and of the exciter at each watchdog setting; what comes after SIGCONT is too old."""
     for watchdog_ms, pause in ((500, 0.35), (50, 0.35), (100, 0.35), (500, 0.8))[: 4 if long else 2]:
@@ -353,6 +334,5 @@ TRIALS = [
     Trial('stuck', 'encoder that stands still under torque', stuck, True),
     Trial('runaway', 'constant torque', runaway, True),
     Trial('restart', 'board restarts while the rig moves', restart),
-    Trial('publisher', 'second publisher of effort commands', second_publisher),
     Trial('stopped', 'bridge or exciter SIGSTOPped, then SIGCONT', stopped),
 ]

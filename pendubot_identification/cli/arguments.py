@@ -467,9 +467,7 @@ def _demo(parser: Any) -> None:
     on this computer alone, and reaches no real rig.
     """
     _path(parser, '--output', 'DIR', 'new folder for bag and result (default: a temporary one)')
-    then = parser.add_mutually_exclusive_group()
-    _switch(then, '--track', 'instead: track another virtual rig while it gets a payload, and balance it by that')
-    _switch(then, '--balance', 'instead: identify another virtual rig, swing it up, balance it, and draw that')
+    _switch(parser, '--balance', 'instead: identify another virtual rig, swing it up, balance it, and draw that')
 
 
 def _studio(parser: Any) -> None:

@@ -3,8 +3,7 @@
 
 """``pendubot demo``: the complete chain, live, on a virtual rig; the one subcommand that needs ROS.
 
-Each demonstration starts board, bridge, recorder and exciter by :func:`_start_recording`. ``--balance`` then balances
-the rig by the identified parameters, ``--track`` by those of the tracker.
+``--balance`` then balances the rig by the identified parameters.
 """
 
 from __future__ import annotations
@@ -19,24 +18,20 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from pendubot_identification.control.plan import HELD, deviation, held_since
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.model.parameters import BALANCE, NAMES, PAPER, UNITS
+from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.report import tables
 from pendubot_identification.report.plots import draw_balance
-from pendubot_identification.report.table import Table
 from pendubot_identification.results.result_file import read_complete_result, read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .processes import POLL, Program, Programs, own_ros, parameters
-
-Returned = TypeVar('Returned')
+from .processes import POLL, Program, Programs, own_ros
 
 
 @dataclass(frozen=True)
@@ -60,12 +55,10 @@ BALANCE_RIG = Rig(
     ('--preset', 'balance', '--delay', 0.004, '--torque-limit', LIMIT),
     {'amplitude_min': -LIMIT, 'amplitude_max': LIMIT},
 )
-#: For how long a rig is held [s].
-HOLD, HOLD_WITH_PAYLOAD = 10.0, 5.0
-#: The payload on link 2 [kg], a fifth of its weight; the times before it and after its detection [s].
-PAYLOAD, BEFORE, AFTER = 0.024, 8.0, 6.0
-#: Every wait for the balancer or the tracker ends after this [s].
-PATIENCE = 60.0
+#: For how long the rig is held, and the longest wait for the balancer [s].
+HOLD, PATIENCE = 10.0, 60.0
+#: The computer may pause for so long without ending a program [s]; the virtual rig waits.
+PAUSE = 2.0
 
 
 def run(args: argparse.Namespace) -> int:
@@ -74,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
         raise PendubotError(f'{args.output} exists already and was left as it is; name a folder that does not')
     folder = Path(tempfile.mkdtemp(prefix='pendubot-demo-')) if args.output is None else args.output.absolute()
     OutputFolder(folder)
-    rig = BALANCE_RIG if args.balance or args.track else PAPER_RIG
-    demonstrate = _balance if args.balance else _track if args.track else _identify
+    demonstrate, rig = (_balance, BALANCE_RIG) if args.balance else (_identify, PAPER_RIG)
     with _interruptible(folder), own_ros() as (rclpy, domain):
         print(f'virtual rig in ROS domain {domain}, files in {folder}')
         print(f'virtual board: {rig.rate} Hz, 4000 counts per turn, {rig.description}', flush=True)
@@ -99,15 +91,14 @@ def _interruptible(folder: Path) -> Iterator[None]:
 def _identify(rclpy: Any, folder: Path) -> None:
     """Record the paper's experiment, identify, receive the parameters late, and print them beside the truth."""
     bag, written = folder / 'paper_experiment', folder / 'result.yaml'
-    _twice(lambda: _record(rclpy, bag, PAPER_RIG))
+    _twice(lambda: _record(bag, PAPER_RIG))
     with Programs(folder) as programs:
-        _start_identifier(programs, bag, written)
+        identifier = _start_identifier(programs, bag, written)
         late = Observer(rclpy)
-        late.spin_until(lambda: late.parameters is not None, 'nothing came on /pendubot/params, joined late,')
-    result, (label, values) = read_complete_result(written), late.parameters
-    if values != result.theta.vector(result.model).tolist():
-        raise PendubotError(f'/pendubot/params has {values}, the result file other values; please report this')
-    print(f'a subscriber that joined afterwards received /pendubot/params ({label}): {result.criterion}\n')
+        programs.meanwhile = late.spin
+        programs.wait(identifier, lambda: late.parameters != '', 'published nothing on /pendubot/params')
+    result = read_complete_result(written)
+    print(f'a subscriber that joined afterwards received /pendubot/params ({late.parameters}): {result.criterion}\n')
     compared = tables.comparison_table(result, asdict(PAPER))
     shown = [compared, tables.prediction_table(result), tables.criterion_table(result)]
     print(*(table.text() for table in shown), tables.steps(result), tables.judgement(result), sep='\n\n')
@@ -121,7 +112,7 @@ def _identify(rclpy: Any, folder: Path) -> None:
 def _balance(rclpy: Any, folder: Path) -> None:
     """Record, identify, swing up and hold the rig by the published parameters, and draw that."""
     bag, written, picture = folder / 'excitation', folder / 'result.yaml', folder / 'balance.png'
-    _twice(lambda: _record(rclpy, bag, BALANCE_RIG))
+    _twice(lambda: _record(bag, BALANCE_RIG))
     with Programs(folder) as programs:
         _start_identifier(programs, bag, written, model='viscous')
         observer = _twice(lambda: _balanced(rclpy, folder))
@@ -143,66 +134,28 @@ def _balance(rclpy: Any, folder: Path) -> None:
 def _balanced(rclpy: Any, folder: Path) -> Observer:
     """Swing up and hold a rig at rest by the parameters that are published; return the observer of that."""
     observer = Observer(rclpy)
+
+    def ended() -> bool:
+        return observer.held > HOLD or observer.balancer_message.startswith('stopped')
+
     with Programs(folder, observer.spin) as programs:
-        programs.start_rig(BALANCE_RIG.rate, *BALANCE_RIG.board)
-        balancer = _start_balancer(programs, observer)
-        _hold(programs, balancer, observer, HOLD)
+        _start_rig(programs, folder, BALANCE_RIG)
+        # Every pause of the computer delays the clock of the patient board, and so the stamps of its samples.
+        balancer = programs.start('balancer', torque_limit=LIMIT, max_age=10.0)
+        programs.wait(balancer, lambda: observer.balancer_message == 'ready', 'was not ready', PATIENCE)
+        observer.samples.clear()
+        answer = observer.starter.call_async(observer.starter.srv_type.Request())
+        programs.wait(balancer, answer.done, 'did not answer')
+        if not answer.result().success:
+            raise PendubotError(f'the balancer did not start: {answer.result().message}')
+        print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
+        programs.wait(balancer, ended, 'did not hold it', PATIENCE)
+    if observer.balancer_message.startswith('stopped'):
+        raise PendubotError(f'the balancer {observer.balancer_message}')
     return observer
 
 
-def _track(rclpy: Any, folder: Path) -> None:
-    """Track a rig that gets a payload, balance it by that, take the payload off, and print parameters and truth."""
-    bag = folder / 'followed'
-    before, after = _twice(lambda: _tracked(rclpy, bag))
-    columns = BALANCE.vector(), before, BALANCE.carrying(PAYLOAD).vector(), after
-    rows = [
-        [name, unit, *(f'{column[k]:.4g}' for column in columns)]
-        for k, (name, unit) in enumerate(zip(NAMES[:7], UNITS, strict=False))
-    ]
-    head = ['', 'unit', 'without payload', 'followed', f'with {PAYLOAD:g} kg', 'followed']
-    print('', Table(head, rows).text(), sep='\n')
-    print(f'\ntry: {sys.argv[0]} track {bag} --model viscous --report {folder / "look"}')
-
-
-def _tracked(rclpy: Any, bag: Path) -> tuple[list[float], list[float]]:
-    """Return the last published parameters before the payload is put on, and with it."""
-    observer = Observer(rclpy)
-    with Programs(bag.parent, observer.spin) as programs:
-        # As a node, the board has the parameter payload.
-        _, exciter = _start_recording(programs, bag, BALANCE_RIG, '--ros-args')
-        tracker = programs.start('tracker', *parameters(model='viscous'))
-
-        def rest(seconds: float) -> list[float]:
-            until = observer.now + seconds
-            programs.wait(tracker, lambda: observer.now > until, 'heard no samples', seconds + PATIENCE)
-            return list(observer.parameters[1])
-
-        print('exciting; the tracker waits for motion', flush=True)
-        programs.wait(tracker, lambda: observer.parameters is not None, 'published nothing', PATIENCE)
-        print(f'it follows; after {BEFORE:g} s link 2 gets {PAYLOAD:g} kg more', flush=True)
-        before = rest(BEFORE)
-        observer.set_payload(PAYLOAD)
-        programs.wait(tracker, lambda: observer.last_change != 'none', 'detected no payload', PATIENCE)
-        print(f'the tracker: {observer.last_change}', flush=True)
-        after = rest(AFTER)
-        programs.end(exciter)
-        balancer = _start_balancer(programs, observer)
-
-        def balance() -> None:
-            _hold(programs, balancer, observer, HOLD_WITH_PAYLOAD)
-            samples = np.array(observer.samples)
-            held = samples[samples[:, 0] > observer.now - HOLD_WITH_PAYLOAD, 1:3]
-            angle = float(np.sqrt((deviation(held) ** 2).mean()))
-            print(f'held for {HOLD_WITH_PAYLOAD:g} s, RMS angle {1e3 * angle:.1f} mrad', flush=True)
-
-        balance()
-        observer.set_payload(0.0)
-        observer.samples.clear()
-        balance()
-    return before, after
-
-
-def _twice(attempt: Callable[[], Returned]) -> Returned:
+def _twice(attempt: Callable[[], Any]) -> Any:
     """Return the result of an attempt or, if it fails, as on a computer that pauses, of an announced second one."""
     try:
         return attempt()
@@ -211,161 +164,86 @@ def _twice(attempt: Callable[[], Returned]) -> Returned:
         return attempt()
 
 
-def _start_recording(
-    programs: Programs, bag: Path, rig: Rig, *board: object, **recorder: object
-) -> tuple[Program, Program]:
-    """Start board, bridge, recorder and exciter, in place of an earlier recording; return recorder and exciter."""
-    if bag.exists():
-        shutil.rmtree(bag)
-    programs.start_rig(rig.rate, *rig.board, *board)
-    recording = programs.start('recorder', *parameters(output=bag, **recorder))
-    return recording, programs.start('exciter', *parameters(arm='true', duration=0.0, **rig.pulses))
+def _start_rig(programs: Programs, folder: Path, rig: Rig) -> None:
+    """Start a virtual board and a bridge, which outlast a pause."""
+    port = folder / 'board'
+    board = programs.start('virtual_board', '--patient', '--link', port, '--rate', rig.rate, *rig.board)
+    programs.wait(board, port.exists, 'opened no port')
+    programs.start('bridge', port=port, link_timeout=PAUSE, confirm_zeros='false')
 
 
-def _record(rclpy: Any, bag: Path, rig: Rig) -> None:
-    """Record an excited rig.
+def _record(bag: Path, rig: Rig) -> None:
+    """Record an excited rig, in place of an earlier recording.
 
     Raises:
         PendubotError: a program ended early, or the bag was not complete in time.
     """
-    observer, duration = Observer(rclpy), rig.samples / rig.rate
-    with Programs(bag.parent, observer.spin) as programs, tqdm(total=rig.samples, disable=None, leave=False) as bar:
-        recorder, _ = _start_recording(programs, bag, rig, max_messages=rig.samples)
+    shutil.rmtree(bag, ignore_errors=True)
+    duration = rig.samples / rig.rate
+    with Programs(bag.parent) as programs:
+        _start_rig(programs, bag.parent, rig)
+        recorder = programs.start('recorder', output=bag, max_messages=rig.samples)
+        programs.start('exciter', arm='true', duration=0.0, **rig.pulses)
         print(f'exciting and recording for {duration:g} s', flush=True)
-
-        def complete() -> bool:
-            bar.update(min(len(observer.samples), rig.samples) - bar.n)
-            return recorder.process.poll() == 0
-
-        programs.wait(recorder, complete, 'did not finish its bag', duration + 40.0)
+        programs.wait(recorder, lambda: recorder.poll() == 0, 'did not finish its bag', duration + 40.0)
     print(f'recorded {bag}', flush=True)
 
 
-def _start_identifier(programs: Programs, bag: Path, written: Path, **others: object) -> None:
+def _start_identifier(programs: Programs, bag: Path, written: Path, **others: object) -> Program:
     """Start the identifier, which stays, and wait until it has written a result."""
     begin = time.monotonic()
     # The bridge holds its torques; the search of the hold would take some seconds more.
-    given = parameters(bags=f"['{bag}']", output=written, hold='zero', **others)
-    programs.wait(programs.start('identifier', *given), written.exists, 'wrote no result', 120.0)
+    identifier = programs.start('identifier', bags=f"['{bag}']", output=written, hold='zero', **others)
+    programs.wait(identifier, written.exists, 'wrote no result', 120.0)
     print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included', flush=True)
-
-
-def _start_balancer(programs: Programs, observer: Observer) -> Program:
-    """Start the balancer and the swing-up; return the program. The samples begin anew."""
-    # Every pause of the computer delays the clock of the patient board, and so the stamps of its samples.
-    balancer = programs.start('balancer', *parameters(torque_limit=LIMIT, max_age=10.0))
-    programs.wait(balancer, lambda: observer.balancer_message == 'ready', 'was not ready', PATIENCE)
-    observer.samples.clear()
-    observer.start_balancer()
-    print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
-    return balancer
-
-
-def _hold(programs: Programs, balancer: Program, observer: Observer, seconds: float) -> None:
-    """Wait until the rig has been held upright for some seconds."""
-
-    def ended() -> bool:
-        return observer.held > seconds or observer.balancer_message.startswith('stopped')
-
-    programs.wait(balancer, ended, 'did not hold it', PATIENCE)
-    if observer.balancer_message.startswith('stopped'):
-        raise PendubotError(f'the balancer {observer.balancer_message}')
+    return identifier
 
 
 class Observer:
-    """A node that follows rig, tracker and balancer by their topics, and calls their services.
+    """A node that follows rig, parameters and balancer by their topics.
 
     Attributes:
         samples: each t [s], q1, q2 [rad], torque [N m].
-        now: time of the last sample [s].
-        parameters: names and values that /pendubot/params had last, or None.
-        last_change: the last change that the tracker reports, or ``none``.
+        held: for how long the rig has been upright [s].
+        parameters: names of the last parameters; empty before there are any.
         balancer_message, balancer_values: the last status of the balancer.
+        starter: the client of the balancer's ``~/start``.
     """
 
     def __init__(self, rclpy: Any) -> None:
         from diagnostic_msgs.msg import DiagnosticArray
-        from rclpy.parameter_client import AsyncParameterClient
         from rclpy.qos import DurabilityPolicy, QoSProfile
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
         from std_srvs.srv import Trigger
 
         self.samples: list[tuple[float, ...]] = []
-        self.now = self._not_held = 0.0
-        self.parameters: Any = None
-        self.last_change = 'none'
-        self.balancer_message, self.balancer_values = '', dict[str, str]()
-        node, latched = (
-            rclpy.create_node('demo_observer', enable_rosout=False),
-            QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
-        )
-        node.create_subscription(JointState, '/joint_states', self._on_sample, 1000)
-        node.create_subscription(Float64MultiArray, '/pendubot/params', self._on_parameters, latched)
-        node.create_subscription(DiagnosticArray, '/pendubot/identification', self._on_diagnostics, latched)
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        self._rclpy, self._node = rclpy, node
-        self._starter, self._board = (
-            node.create_client(Trigger, '/balancer/start'),
-            AsyncParameterClient(node, 'virtual_board'),
-        )
+        self.held = self._not_held = 0.0
+        self.parameters = self.balancer_message = ''
+        self.balancer_values: dict[str, str] = {}
+        self._rclpy, self._node = rclpy, rclpy.create_node('demo_observer', enable_rosout=False)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._node.create_subscription(JointState, '/joint_states', self._on_sample, 1000)
+        self._node.create_subscription(Float64MultiArray, '/pendubot/params', self._on_parameters, latched)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self.starter = self._node.create_client(Trigger, '/balancer/start')
 
     def spin(self) -> None:
         """Handle the next message, or wait for a moment."""
         self._rclpy.spin_once(self._node, timeout_sec=POLL)
 
-    def spin_until(self, condition: Callable[[], bool], otherwise: str) -> None:
-        """Handle messages until a condition holds.
-
-        Raises:
-            PendubotError: it does not hold within 10 s.
-        """
-        deadline = time.monotonic() + 10.0
-        while not condition():
-            if time.monotonic() > deadline:
-                raise PendubotError(f'{otherwise} within 10 s; try again')
-            self.spin()
-
-    @property
-    def held(self) -> float:
-        """For how long the rig has been upright [s]."""
-        return self.now - self._not_held if self.samples else 0.0
-
-    def start_balancer(self) -> None:
-        """Start the swing-up.
-
-        Raises:
-            PendubotError: the balancer refuses or does not answer.
-        """
-        future = self._starter.call_async(self._starter.srv_type.Request())
-        self.spin_until(future.done, 'the balancer did not answer')
-        if not future.result().success:
-            raise PendubotError(f'the balancer did not start: {future.result().message}')
-
-    def set_payload(self, payload: float) -> None:
-        """Put a payload [kg] on link 2.
-
-        Raises:
-            PendubotError: the board does not answer.
-        """
-        from rclpy.parameter import Parameter
-
-        print(f'as would: ros2 param set /virtual_board payload {payload:g}', flush=True)
-        future = self._board.set_parameters([Parameter('payload', value=payload)])
-        self.spin_until(future.done, 'the virtual board did not answer')
-
     def _on_sample(self, message: Any) -> None:
-        self.now = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-        if not self.samples or deviation(np.array([message.position[:2]]))[0] > HELD:
-            self._not_held = self.now
-        self.samples.append((self.now, *message.position[:2], message.effort[0]))
+        t, q = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9, message.position[:2]
+        if not self.samples or deviation(np.array([q]))[0] > HELD:
+            self._not_held = t
+        self.held = t - self._not_held
+        self.samples.append((t, *q, message.effort[0]))
 
     def _on_parameters(self, message: Any) -> None:
-        self.parameters = message.layout.dim[0].label, list(message.data)
+        self.parameters = message.layout.dim[0].label
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
-            values = {pair.key: pair.value for pair in status.values}
-            self.last_change = values.get('last_change', self.last_change)
             if status.name == 'balancer':
-                self.balancer_message, self.balancer_values = status.message, values
+                self.balancer_message = status.message
+                self.balancer_values = {pair.key: pair.value for pair in status.values}

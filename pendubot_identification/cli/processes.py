@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,32 +23,30 @@ OUTWARD = (
     *('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER', 'ROS_SUPER_CLIENT', 'CYCLONEDDS_URI'),
     *('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'),
 )
-#: Domains whose ports are free on every system, without the default domain 0, and how many of them are tried.
-DOMAINS, TRIES = range(1, 101), 5
+#: Domains whose ports are free on every system, without the default domain 0.
+DOMAINS = range(1, 101)
 #: Programs in a domain are discovered within this time [s]: usually in 0.2 s, but if first announcements are lost, by
 #: the next, which Fast DDS sends every 3 s.
 DISCOVERY = 4.0
-#: The computer may pause for so long without ending a program [s]; the virtual rig waits.
-PAUSE = 2.0
 #: Interval at which conditions are checked [s].
 POLL = 0.02
 
 
 @contextmanager
-def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
-    """Initialise ROS on this computer alone, in an empty domain; yield rclpy and the number of the domain.
+def own_ros() -> Iterator[tuple[Any, int]]:
+    """Initialise ROS on this computer alone, in a random empty domain; yield rclpy and the number of the domain.
 
     Domain and discovery range of the environment are not used, because a rig may be there. Programs that are started
-    within the context are in the same domain. ``domains`` are tried in this order; without them, random ones.
+    within the context are in the same domain.
 
     Raises:
-        PendubotError: there is no ROS, or other programs are in every domain.
+        PendubotError: there is no ROS, or other programs are in the domain.
     """
-    given = os.environ.get('ROS_DOMAIN_ID', '').strip()
-    exported = int(given) if given.isdecimal() else 0
+    exported = os.environ.get('ROS_DOMAIN_ID', '').strip()
+    domain = random.choice([each for each in DOMAINS if str(each) != exported])
     for name in OUTWARD:
         os.environ.pop(name, None)
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ |= {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': str(domain)}
     try:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
@@ -57,47 +55,31 @@ def own_ros(domains: Sequence[int] = ()) -> Iterator[tuple[Any, int]]:
             f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
             "package with pip install '.[ros]'; pendubot simulate and pendubot identify need no ROS"
         ) from error
-    tried = [domain for domain in domains or random.sample(DOMAINS, TRIES + 1) if domain != exported][:TRIES]
+    # Without its signal handlers, which would end ROS before the programs are ended.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        for domain in tried:
-            os.environ['ROS_DOMAIN_ID'] = str(domain)
-            # Without its signal handlers, which would end ROS before the programs are ended.
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            # The node stays, so that another demo finds this domain taken.
-            node, deadline = rclpy.create_node('demo'), time.monotonic() + DISCOVERY
-            taken = False
-            while not taken and time.monotonic() < deadline:
-                time.sleep(POLL)
-                taken = len(node.get_node_names()) > 1 or node.count_publishers('/joint_states') > 0
-            if not taken:
-                yield rclpy, domain
-                return
-            rclpy.shutdown()
-        raise PendubotError(
-            f'other ROS programs are in each of the domains {", ".join(map(str, tried))}, and the demo arms only in '
-            'one of its own; nothing was armed; end those programs, or try again'
-        )
+        # The node stays, so that another demo finds this domain taken.
+        node, deadline = rclpy.create_node('demo'), time.monotonic() + DISCOVERY
+        while time.monotonic() < deadline:
+            if len(node.get_node_names()) > 1 or node.count_publishers('/joint_states'):
+                raise PendubotError(
+                    f'other ROS programs are in domain {domain}, and the demo arms only in one of its own; nothing was '
+                    'armed; try again, which takes another domain'
+                )
+            time.sleep(POLL)
+        yield rclpy, domain
     finally:
         rclpy.try_shutdown()
 
 
-def parameters(**values: object) -> list[str]:
-    """Return the arguments that set a node's parameters."""
-    return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
-
-
-class Program:
+class Program(subprocess.Popen[bytes]):
     """A program in a process of its own, with its output in a file."""
 
-    def __init__(self, folder: Path, name: str, arguments: Sequence[object]) -> None:
+    def __init__(self, folder: Path, name: str, arguments: list[str]) -> None:
         self.name, self.log = name, folder / f'{name}.log'
+        command = [sys.executable, '-m', 'pendubot_identification.programs', name, *arguments]
         with self.log.open('ab') as output:
-            self.process = subprocess.Popen(
-                [sys.executable, '-m', f'pendubot_identification.nodes.{name}', *map(str, arguments)],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
+            super().__init__(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
 
     def failure(self, reason: str) -> PendubotError:
         """Return an error with the reason and the last line of the output."""
@@ -106,12 +88,12 @@ class Program:
 
     def end(self) -> None:
         """Interrupt it, and kill it after 10 s."""
-        self.process.send_signal(signal.SIGINT)
+        self.send_signal(signal.SIGINT)
         try:
-            self.process.wait(10.0)
+            self.wait(10.0)
         except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+            self.kill()
+            self.wait()
 
 
 class Programs(ExitStack):
@@ -122,26 +104,16 @@ class Programs(ExitStack):
 
     def __init__(self, folder: Path, meanwhile: Callable[[], object] = lambda: time.sleep(POLL)) -> None:
         super().__init__()
-        self._folder, self._meanwhile, self._running = folder, meanwhile, list[Program]()
+        self.meanwhile = meanwhile
+        self._folder, self._running = folder, list[Program]()
 
-    def start(self, name: str, *arguments: object) -> Program:
-        """Start a program of this package."""
-        program = Program(self._folder, name, arguments)
+    def start(self, name: str, *arguments: object, **parameters: object) -> Program:
+        """Start a program of this package with arguments and, if it is a node, parameters."""
+        given = [word for key, value in parameters.items() for word in ('-p', f'{key}:={value}')]
+        program = Program(self._folder, name, [*map(str, arguments), *(['--ros-args'] if given else []), *given])
         self.callback(program.end)
         self._running.append(program)
         return program
-
-    def start_rig(self, rate: float, *board: object) -> None:
-        """Start a virtual board with a sampling rate [Hz] and further options, and a bridge; both outlast a pause."""
-        port = self._folder / 'board'
-        program = self.start('virtual_board', '--patient', '--link', port, '--rate', rate, *board)
-        self.wait(program, port.exists, 'opened no port')
-        self.start('bridge', *parameters(port=port, link_timeout=PAUSE, confirm_zeros='false'))
-
-    def end(self, program: Program) -> None:
-        """End a program before the end of the context."""
-        self._running.remove(program)
-        program.end()
 
     def wait(self, program: Program, condition: Callable[[], bool], otherwise: str, timeout: float = 20.0) -> None:
         """Wait until a program has brought about a condition.
@@ -152,8 +124,8 @@ class Programs(ExitStack):
         deadline = time.monotonic() + timeout
         while not condition():
             for each in self._running:
-                if each.process.poll() is not None and not (each is program and condition()):
+                if each.poll() is not None and not (each is program and condition()):
                     raise each.failure('ended early')
             if time.monotonic() > deadline:
                 raise program.failure(otherwise)
-            self._meanwhile()
+            self.meanwhile()

@@ -51,14 +51,10 @@ class Balancer(SettingsNode):
     )
     SETTINGS = (
         JOINTS,
-        Setting(
-            'torque_limit', 2.0, 'largest torque commanded, within the limits of bridge and board', 'N m', 1e-3, 1e3
-        ),
+        Setting('torque_limit', 2.0, 'largest torque commanded, beside the limit of the bridge', 'N m', 1e-3, 1e3),
         Setting('accept_warn', False, 'whether parameters of level WARN, or without a level, are used', dynamic=True),
         Setting('motor_delay', -1.0, 'delay of the motor; -1: as identified', 's', -1.0, 0.5),
-        Setting(
-            'swing_up_time', 30.0, 'longest swing-up; 0: it only balances a rig that is near upright', 's', 0.0, 1e4
-        ),
+        Setting('swing_up_time', 30.0, 'longest swing-up; 0: it only balances a rig near upright', 's', 0.0, 1e4),
         Setting('max_shoulder', 6.0, 'farthest that link 1 may be from upright; hanging is 3.14', 'rad', 0.1, 100.0),
         Setting('max_elbow', 40.0, 'farthest that the elbow may turn', 'rad', 0.1, 1e3),
         Setting('max_speed', 60.0, 'fastest joint speed', 'rad/s', 0.1, 1e4),
@@ -225,6 +221,3 @@ class Balancer(SettingsNode):
 
 
 main = partial(run, Balancer)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

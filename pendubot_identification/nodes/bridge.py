@@ -28,8 +28,9 @@ from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
+from pendubot_identification.trajectories.conventions import current_name
 
-from .messages import JointStateBytes, Status, shoulder_effort
+from .messages import Status, shoulder_effort
 from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 
@@ -78,15 +79,7 @@ class Bridge(ManagedNode):
         Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1, length=2),
         Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0, length=2),
         Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31, length=2),
-        Setting(
-            'torque_limit',
-            2.0,
-            'largest torque ever sent; not raised while armed; the board has its own limit',
-            'N m',
-            0.0,
-            1000.0,
-            dynamic=True,
-        ),
+        Setting('torque_limit', 2.0, 'largest torque sent; raised only while disarmed', 'N m', 0.0, 1e3, dynamic=True),
         Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
         Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
         Setting('link_timeout', 0.1, 'without anything valid for so long the link is lost: disarmed', 's', 0.01, 60.0),
@@ -106,7 +99,9 @@ class Bridge(ManagedNode):
         self._health = Health()
         # Added to times of the monotonic clock: ROS time, the system's as it was at the start, that nobody sets.
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._message = JointStateBytes(s['joint_names'])
+        names = [*s['joint_names'], current_name(s['joint_names'][0])]
+        # One message for all samples: a new one takes longer than all other work on a sample.
+        self._message = JointState(name=names, position=[0.0] * 3, velocity=[0.0] * 3, effort=[0.0] * 3)
         self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
         Status(self, self._diagnosis, rig=s['port'])
         self._shoulder = s['joint_names'][0]
@@ -183,12 +178,20 @@ class Bridge(ManagedNode):
                             self.answer(self._arming.pop(), event)
             for event in events:
                 if isinstance(event, Sample) and self.active:
-                    stamp_ns, q, qd, effort, current = event
-                    self._joint_states.publish(self._message.fill(stamp_ns + self._epoch_ns, q, qd, effort, current))
+                    self._publish(event)
         except Exception as error:
             if not self.ended.is_set():
                 self.get_logger().fatal(f'{explained(error)}; ending')
                 self.end(1)
+
+    def _publish(self, sample: Sample) -> None:
+        """Publish a sample: shoulder, elbow, and the measured motor current [A] as the effort of a third entry."""
+        m = self._message
+        m.header.stamp.sec, m.header.stamp.nanosec = divmod(sample.stamp_ns + self._epoch_ns, 10**9)
+        m.position[0], m.position[1] = sample.q
+        m.velocity[0], m.velocity[1] = sample.qd
+        m.effort[0], m.effort[2] = sample.effort, sample.current
+        self._joint_states.publish(m)
 
     def _keep_house(self) -> None:
         while not self._closing.wait(self._pause):
@@ -283,6 +286,3 @@ class Bridge(ManagedNode):
 
 
 main = partial(run, Bridge)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

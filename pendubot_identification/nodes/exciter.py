@@ -101,7 +101,8 @@ class Exciter(SettingsNode):
             self._driver.effort(self._pulses.torque(stamp - self._start))
         else:
             self.get_logger().info('excitation done')
-            self._finish(0)
+            self._running = False
+            self.end()
 
     def _silence(self, stamp: float | None = None) -> str:
         """Return a sentence if the time since the last joint state, or to this ``stamp`` [s], is too long, else ''."""
@@ -138,7 +139,7 @@ class Exciter(SettingsNode):
             self._give_up(rivals)
             return
         now, driver = time.monotonic(), self._driver
-        if self._armed is False or not self._is_new():
+        if self._armed is False or now - self._born >= DISCOVERY:
             # A motor that is armed may be driven by a program that was not found yet; a second would disarm it.
             driver.begin()
         if self._running:
@@ -158,7 +159,7 @@ class Exciter(SettingsNode):
         name, bridge = self._joint_states.topic_name, self._driver.bridge
         if now - self._heard > SILENCE:
             return f'waiting for {name}: start the bridge'
-        if not self._is_new() and not self._driver.arm.service_is_ready():
+        if now - self._born >= DISCOVERY and not self._driver.arm.service_is_ready():
             return (
                 f'waiting for {bridge}/arm, which nobody serves: start the bridge or, if its node has another name, '
                 'remap bridge/arm and bridge/disarm'
@@ -166,9 +167,6 @@ class Exciter(SettingsNode):
         if now > self._recorded:
             return f'waiting for a recorder of {name}: start it'
         return '' if self._arms else f'waiting to be armed: call {bridge}/arm'
-
-    def _is_new(self) -> bool:
-        return time.monotonic() - self._born < DISCOVERY
 
     def _begin(self) -> None:
         """Excite from the next sample on, unless others may still be found to drive, or nothing records it."""
@@ -185,11 +183,8 @@ class Exciter(SettingsNode):
 
     def _give_up(self, sentence: str) -> None:
         self.get_logger().error(sentence)
-        self._finish(1)
-
-    def _finish(self, status: int) -> None:
         self._running = False
-        self.end(status)
+        self.end(1)
 
 
 def _pulses(values: dict[str, Any]) -> PulseTrain:
@@ -197,6 +192,3 @@ def _pulses(values: dict[str, Any]) -> PulseTrain:
 
 
 main = partial(run, Exciter)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

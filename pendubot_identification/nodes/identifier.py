@@ -8,13 +8,11 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -27,11 +25,10 @@ from pendubot_identification.formats.export import export
 from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, default_bounds
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.computation import Computation, Request
-from pendubot_identification.results.options import settings_of
+from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import Result, plain
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
@@ -39,7 +36,6 @@ from pendubot_identification.trajectories.conventions import CONVERSION
 
 from .messages import LATCHED, Identification, Status, flat, parameter_values
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
-from .topics import check_names
 
 try:
     from pendubot_interfaces.action import Identify
@@ -50,22 +46,10 @@ except ImportError:  # in a virtual environment, for which nobody built it
 ROBOT_DESCRIPTION = 'pendubot/robot_description'
 #: Time between two feedback messages of one step [s].
 FEEDBACK_PERIOD = 0.1
-#: Time between two log lines of one step [s]; the beginning of a step is logged at once.
-LOG_PERIOD = 5.0
 #: The parameter that lets an existing result file be overwritten.
 FORCE = 'force:=true'
-
-
-def _options() -> Iterator[Setting]:
-    """Yield the options of an identification as ROS parameters."""
-    for option in OPTIONS:
-        if option is DELAY:
-            for name, end, default in zip(('delay_min', 'delay_max'), ('least', 'greatest'), DELAYS, strict=True):
-                yield replace(option, name=name, default=default, description=f'{option.description}: the {end}')
-        elif option is CRITERION:
-            yield replace(option, choices=())  # the text names several of them
-        elif option is not PER_VECTOR:
-            yield option
+#: How options of an identification differ as ROS parameters: the text of the criterion names several.
+CHANGED: dict[str, dict[str, Any]] = {CRITERION.name: {'choices': ()}, DELAY.name: {'default': [*DELAYS], 'length': 2}}
 
 
 class Identifier(ManagedNode):
@@ -85,11 +69,10 @@ class Identifier(ManagedNode):
             Setting('validate', [''], 'bags that only validate; by default the rest of the bags'),
             Setting('topic', 'joint_states', 'topic with the joint states in the bags'),
             JOINTS,
-            *_options(),
+            *(replace(option, **CHANGED.get(option.name, {})) for option in OPTIONS if option is not PER_VECTOR),
             *CONVERSION,
             APPLY_REMEDIES,
-            Setting('lower_bounds', default_bounds().lower.tolist(), f'of {" ".join(NAMES)}, in their units'),
-            Setting('upper_bounds', default_bounds().upper.tolist(), f'of {" ".join(NAMES)}, in their units'),
+            Setting('bounds', [''], 'other search intervals than the default ones, each NAME=LOW:HIGH or NAME=VALUE'),
             Setting('output', '', 'result file to write; empty: none'),
             Setting('force', False, 'whether an existing result file is overwritten'),
             AUTOSTART,
@@ -99,10 +82,10 @@ class Identifier(ManagedNode):
     def _open(self, s: dict[str, Any]) -> None:
         self._identification = Identification(self)
         # The progress on /diagnostics, replaced as a whole so that no thread sees half of it; and the step of the
-        # computation, when it began and was logged last [s].
-        self._progress: tuple[Level, str, dict[str, object]] = (Level.OK, 'waiting for ~/identify', {})
-        self._step, self._step_began, self._logged, self._reported = '', 0.0, 0.0, 0.0
-        Status(self, lambda: self._progress, ': progress')
+        # computation, and when it was reported last [s].
+        self._progress = Level.OK, 'waiting for ~/identify'
+        self._step, self._reported = '', 0.0
+        Status(self, lambda: (*self._progress, {}), ': progress')
         self._description = self.create_publisher(String, ROBOT_DESCRIPTION, LATCHED)
         self._outcome: Future | None = None
         self._computation = Computation()
@@ -133,7 +116,11 @@ class Identifier(ManagedNode):
 
     def _check(self, s: dict[str, Any]) -> None:
         _settings(s)
-        check_names([s['topic']], 'topic')
+        self._topic(s)
+
+    def _topic(self, s: dict[str, Any]) -> str:
+        """Return the topic's name in a bag: in this node's namespace if it is relative, but not remapped."""
+        return self.resolved([s['topic']], only_expand=True)[0]
 
     async def _on_identify(self) -> tuple[bool, str]:
         level, text = await self._identified(self.settings())
@@ -180,24 +167,16 @@ class Identifier(ManagedNode):
             self.get_logger().error(text)
             if not computation.stopped:
                 self._identification.publish(level, text, {})
-        self._step, self._progress = '', (level, text, {})
+        self._step, self._progress = '', (level, text)
         self.answer(outcome, (level, text))
 
     def _on_progress(self, step: str, done: int, of: int, best: float) -> None:
         """Take the step, how much of it is done, of how much (0: not known), and the best J or NaN."""
         now = time.monotonic()
-        begins = step != self._step
-        if begins:
-            self._step, self._step_began = step, now
-        values: dict[str, object] = {'step': step, 'done': done, 'of': of or 'not known'}
-        if not math.isnan(best):
-            values['J'] = best
-        if of and done:
-            values['seconds_left'] = round((now - self._step_began) * (of - done) / done, 1)
+        begins, self._step = step != self._step, step
         text = step + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
-        self._progress = (Level.OK, text, values)
-        if begins or now - self._logged >= LOG_PERIOD:
-            self._logged = now
+        self._progress = Level.OK, text
+        if begins:
             self.get_logger().info(text)
         if self._goal is not None and (begins or now - self._reported >= FEEDBACK_PERIOD):
             self._reported = now
@@ -211,9 +190,7 @@ class Identifier(ManagedNode):
             read = [BagWindow.parse(bag).path for bag in bags + validation]
             refuse_input(output, [*read, Path(s['start']) if s['start'] else None])
             refuse_unwritable(output, overwrite=s['force'], force=FORCE)
-        # A name in a bag: in this node's namespace if it is relative, but not remapped.
-        topic = self.resolve_topic_name(s['topic'], only_expand=True)
-        request = Request(bags, validation, topic, s['joint_names'], settings, s['apply_remedies'])
+        request = Request(bags, validation, self._topic(s), s['joint_names'], settings, s['apply_remedies'])
         result = computation.run(request, self._on_progress)
         level, text = result.level, headline(result)
         self.log(level, f'identified\n{summary(result)}')
@@ -240,35 +217,27 @@ class Identifier(ManagedNode):
 
 
 def identification_values(result: Result) -> dict[str, Any]:
-    """Return the entries of a result under flat names; matrices and single runs are only in the result file.
+    """Return the entries of a result under flat names; matrices, single runs and other criteria are in the result file.
 
     ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
-    ``warnings.0``, ``criteria.energy.P1`` ...
+    ``warnings.0`` ...
     """
     data = plain(result)
     values = parameter_values(data['parameters'])
     for key, entry in data.items():
         if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
             values |= flat(key, entry)
-    for name, answer in data['criteria'].items():
-        J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
-        brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
-        values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values
 
 
 def _settings(values: dict[str, Any]) -> Settings:
-    lower, upper = values['lower_bounds'], values['upper_bounds']
-    bounds = Bounds(np.array(lower), np.array(upper), NAMES[: max(len(lower), MODELS['viscous'])])
+    intervals = dict(each.partition('=')[::2] for each in _named(values['bounds']))
     options = {option.name: values[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in values}
-    return settings_of(options | {'delay': (values['delay_min'], values['delay_max'])}, bounds)
+    return settings_of(options, bounds_of(intervals))
 
 
-def _named(bags: list[str]) -> list[str]:
-    return [bag for bag in bags if bag]
+def _named(texts: list[str]) -> list[str]:
+    return [text for text in texts if text]
 
 
 main = partial(run, Identifier)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -1,33 +1,79 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``player``: publishes a bag again, at its own pace, where there is no ``ros2 bag play``."""
+"""``player``: publishes a bag again, at its own pace, and beside it the motion that an identified rig makes of it."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 
 from pendubot_identification.errors import BagError, ParameterError
+from pendubot_identification.model.dynamics import Pair
+from pendubot_identification.model.simulation import HANGING, LatePlant
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.bag_writer import offered_profiles
+from pendubot_identification.recordings.joint_states import JOINT_NAMES
 from pendubot_identification.recordings.mcap_file import McapFile
+from pendubot_identification.results.result_file import read_result
 from pendubot_identification.setting import Setting
 
+from .messages import joint_sample
 from .runtime import SettingsNode, run
-from .topics import check_names, message_class, weakest
+from .topics import as_recorded, message_class
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
 DELIVERY = 2.0  #: Longest delivery of the last messages [s].
 COMMAND = 'std_msgs/msg/Float64'  #: The type of effort commands.
 SHARED = ('/clock', '/diagnostics', '/parameter_events', '/rosout')  #: Topics that are the same in every namespace.
+RESTART = 1.0  #: A simulation begins anew from the recorded state this often [s]: the rig's motion is chaotic.
+
+
+class Ghost:
+    """An identified rig, simulated by the recorded torque from a recorded state on, for a second at a time.
+
+    Raises:
+        PendubotError: the result cannot be read, or no rig has its parameters.
+    """
+
+    def __init__(self, node: Node, result: Path) -> None:
+        found = read_result(result)
+        self._plant = LatePlant(found.theta, max(found.effort.delay, 0.0))
+        self._publisher = node.create_publisher(JointState, 'ghost/joint_states', QoSProfile(depth=1000))
+        self._t = self._begun = -math.inf
+        self._q, self._effort = HANGING, 0.0
+
+    def follow(self, data: bytes) -> None:
+        """Publish its state at the time of a recorded message of joint states; raise ControlError if that lacks some.
+
+        Velocities that were not recorded are taken from two samples.
+        """
+        message = deserialize_message(data, JointState)
+        t, q, effort = joint_sample(message, JOINT_NAMES)
+        if (passed := t - self._t) <= 0:
+            return
+        if passed < RESTART:
+            self._plant.advance((self._effort, 0.0), passed)
+        if t - self._begun >= RESTART:
+            speeds = dict(zip(message.name, message.velocity, strict=False))
+            slopes = [(now - before) / passed for now, before in zip(q, self._q, strict=True)]
+            qd: Pair = tuple(map(speeds.get, JOINT_NAMES, slopes))
+            self._plant.place(q, qd)
+            self._begun = t
+        self._t, self._q, self._effort = t, q, effort
+        self._publisher.publish(JointState(header=message.header, name=JOINT_NAMES, position=self._plant.q))
 
 
 class Player(SettingsNode):
@@ -46,12 +92,13 @@ class Player(SettingsNode):
         Setting('rate', 1.0, 'how many times as fast as recorded', '', 0.001, 1000.0),
         Setting('clock', 0.0, "how often the recording's time is published on /clock; 0: not", 'Hz', 0.0, 1000.0),
         Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
+        Setting('ghost', '', 'result file, whose rig is simulated beside the bag on ghost/joint_states; empty: none'),
     )
 
     def _open(self, s: dict[str, Any]) -> None:
         window, self._rate, self._wait = BagWindow.parse(s['bag']), s['rate'], s['wait']
         self._reader = BagReader(window.path)
-        kinds = self._chosen([name for name in s['topics'] if name])
+        kinds = self._chosen(self._wanted(s))
         self._first_ns = self._reader.first_ns + round((window.start or 0.0) * SECOND)
         self._end_ns = self._reader.last_ns + 1
         if window.end is not None:
@@ -64,6 +111,8 @@ class Player(SettingsNode):
             name: self.create_publisher(message_class(name, kind), self._published(name), self._qos(name))
             for name, kind in kinds.items()
         }
+        self._ghost = Ghost(self, Path(s['ghost'])) if s['ghost'] else None
+        self._joint_states = self.resolve_topic_name('joint_states')
         self._begun_ns = 0
         self._failure: Exception | None = None
         if s['clock']:
@@ -75,7 +124,7 @@ class Player(SettingsNode):
     def _check(self, s: dict[str, Any]) -> None:
         if not s['bag']:
             raise ParameterError('bag is empty; give the folder of a bag')
-        check_names([name for name in s['topics'] if name])
+        self._wanted(s)
 
     def _close(self) -> None:
         """Stop playing, and raise PendubotError if the bag could not be read to its end."""
@@ -84,12 +133,14 @@ class Player(SettingsNode):
         if self._failure is not None:
             raise self._failure
 
-    def _chosen(self, topics: list[str]) -> dict[str, str]:
+    def _wanted(self, s: dict[str, Any]) -> set[str]:
+        """Return the full names of the topics to play; not remapped, because they are names in a bag."""
+        return set(self.resolved([name for name in s['topics'] if name], only_expand=True))
+
+    def _chosen(self, wanted: set[str]) -> dict[str, str]:
         """Return the types of the topics to play, by their names in the bag, or raise BagError if one is missing."""
         there = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
-        if topics:
-            # Not remapped: these are names in a bag.
-            wanted = {self.resolve_topic_name(name, only_expand=True) for name in topics}
+        if wanted:
             found = {name: kind for name, kind in there.items() if {name, self._published(name)} & wanted}
         else:
             wanted = {'any topic but effort commands'}
@@ -110,7 +161,7 @@ class Player(SettingsNode):
         """Return the quality of service of a topic of the bag."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
         texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
-        return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
+        return as_recorded([profile for text in texts for profile in offered_profiles(text)], DEPTH)
 
     def _play(self) -> None:
         try:
@@ -135,7 +186,10 @@ class Player(SettingsNode):
             for message in messages:
                 if self.ended.wait((message.log_time - self._position()) / self._rate / SECOND):
                     return count
-                self._publishers_of[file.channels[message.channel_id].topic].publish(message.data)
+                publisher = self._publishers_of[file.channels[message.channel_id].topic]
+                publisher.publish(message.data)
+                if self._ghost is not None and publisher.topic_name == self._joint_states:
+                    self._ghost.follow(message.data)
                 count += 1
         return count
 
@@ -151,6 +205,3 @@ class Player(SettingsNode):
 
 
 main = partial(run, Player)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

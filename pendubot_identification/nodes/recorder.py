@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from pendubot_identification.errors import BagError, ParameterError
@@ -26,7 +26,7 @@ from pendubot_identification.setting import Setting
 
 from .messages import Status
 from .runtime import AUTOSTART, ManagedNode, run
-from .topics import DEPTH, Fetcher, check_names, message_class, quality, recorded
+from .topics import DEPTH, Fetcher, message_class, recorded, weakest
 
 DISCOVERY_PERIOD = 0.1  #: Between two searches for new publishers [s].
 FETCH_PERIOD = 0.01  #: Between two fetches of messages from the middleware [s].
@@ -122,8 +122,7 @@ class Recorder(ManagedNode):
     def _resolved(self, topics: list[str]) -> list[str]:
         if not any(topics):
             raise ParameterError('topics is empty; name at least one topic to record, such as joint_states')
-        check_names(topics)
-        return list(dict.fromkeys(self.resolve_topic_name(topic) for topic in topics))
+        return list(dict.fromkeys(self.resolved(topics)))
 
     def _discover(self) -> None:
         for name, topic in self._topics.items():
@@ -149,12 +148,11 @@ class Recorder(ManagedNode):
         """Subscribe, or again where the publishers there now are others; return who is not heard, if anybody."""
         topic, known = self._topics[name], self._fetcher.subscriptions.get(name)
         if known is None or not _heard(publishers, known.qos_profile):
-            qos = _offered_by_all(publishers)
+            offered = [recorded(publisher.qos_profile) for publisher in publishers]
             message_type = message_class(name, type_name)
             if topic.channel < 0:
-                offered = (recorded(publisher.qos_profile) for publisher in publishers)
                 topic.channel = self._bag.add_topic(name, type_name, *offered)
-            known = self._fetcher.subscribe(name, message_type, qos)
+            known = self._fetcher.subscribe(name, message_type, weakest(offered, DEPTH))
             self._sync_due.set()  # metadata.yaml names the topic
             self.get_logger().info(f'recording {name} [{type_name}]')
         # Else a lost message is taken for another publisher's first one.
@@ -194,19 +192,9 @@ class Recorder(ManagedNode):
         return found.level, found.message, {'bag': self._bag.path} | found.values
 
 
-def _offered_by_all(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return the best quality that every publisher offers: a publisher that offers less than asked is not heard."""
-    reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
-    latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
-    return quality(DEPTH, reliable, latched)
-
-
 def _heard(publishers: list[TopicEndpointInfo], qos: QoSProfile) -> int:
     """Return how many of the publishers a subscription of this quality hears."""
     return sum(qos_check_compatible(p.qos_profile, qos)[0] != QoSCompatibility.ERROR for p in publishers)
 
 
 main = partial(run, Recorder)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

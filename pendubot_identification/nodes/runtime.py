@@ -16,7 +16,6 @@ from itertools import pairwise
 from typing import Any
 
 import rclpy
-import yaml
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionServer
@@ -43,9 +42,7 @@ from pendubot_identification.setting import Setting, meant
 from .shutdown import Shutdown, at_signal, ignore_signals
 
 #: The joints that a node reads or publishes.
-JOINTS = Setting(
-    'joint_names', ['shoulder', 'elbow'], 'names of the two joints in joint_states', length=2, distinct=True
-)
+JOINTS = Setting('joint_names', ['shoulder', 'elbow'], 'the two joints in joint_states', length=2, distinct=True)
 #: Of nodes with a lifecycle.
 AUTOSTART = Setting('autostart', True, 'whether it becomes active by itself; otherwise by ros2 lifecycle set')
 
@@ -182,22 +179,31 @@ class SettingsNode(Node):
         if self.executor is not None:
             self.executor.wake()
 
+    def resolved(self, topics: Sequence[str], *, only_expand: bool = False) -> list[str]:
+        """Return full names of topics, remapped unless ``only_expand``; refuse texts that are no names."""
+        try:
+            return [self.resolve_topic_name(topic, only_expand=only_expand) for topic in topics]
+        except rclpy_implementation.RCLError as error:
+            reason = str(error).split(', at ')[0]
+            raise ParameterError(f'topics: {reason}; a name such as joint_states is expected') from error
+
     def _refuse_senseless(self, values: dict[str, Any]) -> None:
         for setting in self.SETTINGS:
             setting.check(values[setting.name])
         self._check(values)
 
     def _as_number(self, given: Parameter) -> Parameter:
-        """Return a parameter as a number where it is one as text: ``ros2 param`` sets 1e-09 as text.
+        """Return a parameter as numbers where it has them as text: ``ros2 param`` sets 1e-09, and a list with it, so.
 
-        Without a dot that is no number in YAML 1.1; and a list with one in it comes as one text.
+        Without a dot that is no number in YAML 1.1.
         """
         wanted = self.get_parameter_or(given.name).type_
-        if given.type_ is Parameter.Type.STRING and wanted in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
-            with suppress(ValueError, TypeError, yaml.YAMLError):
-                read = yaml.safe_load(given.value)
-                number = float(read) if wanted is Parameter.Type.DOUBLE else [float(each) for each in read]
-                return Parameter(given.name, value=number)
+        if given.type_ is Parameter.Type.STRING:
+            with suppress(ValueError):
+                if wanted is Parameter.Type.DOUBLE:
+                    return Parameter(given.name, value=float(given.value))
+                if wanted is Parameter.Type.DOUBLE_ARRAY:
+                    return Parameter(given.name, value=[float(each) for each in given.value.strip('[]').split(',')])
         return given
 
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:

@@ -12,28 +12,16 @@ from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rclpy.validate_topic_name import validate_topic_name
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from pendubot_identification.errors import BagError, ParameterError
+from pendubot_identification.errors import BagError
 
 BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
 DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
 SECOND, UNLIMITED = 10**9, 2**63 - 1  #: [ns]
-
-
-def check_names(topics: Sequence[str], setting: str = 'topics') -> None:
-    """Refuse a text that is no topic's name, by ParameterError; ``setting`` tells where it was given."""
-    try:
-        for topic in topics:
-            validate_topic_name(topic)
-    except InvalidTopicNameException as error:
-        reason = ' '.join(str(error).split())
-        raise ParameterError(f'{setting}: {reason}; a name such as joint_states is expected') from error
 
 
 def message_class(topic: str, type_name: str) -> Any:
@@ -78,10 +66,15 @@ def recorded(profile: QoSProfile) -> Qos:
 
 
 def weakest(profiles: Sequence[Qos], depth: int) -> QoSProfile:
-    """Return the weakest of the qualities of service in a bag, so that every subscriber of then hears the topic now."""
+    """Return the weakest of some qualities of service: a subscription with it hears every publisher."""
     reliable = all(p.reliability is not QosReliability.BEST_EFFORT for p in profiles)
     latched = bool(profiles) and all(p.durability is QosDurability.TRANSIENT_LOCAL for p in profiles)
-    found = quality(depth, reliable, latched)
+    return quality(depth, reliable, latched)
+
+
+def as_recorded(profiles: Sequence[Qos], depth: int) -> QoSProfile:
+    """Return the weakest quality in a bag, with all its times: every subscriber of then hears the topic now."""
+    found = weakest(profiles, depth)
 
     def longest(times: Iterable[QosTime]) -> Duration:
         # Zero stands for no limit.

@@ -201,6 +201,3 @@ class Tracker(ManagedNode):
 
 
 main = partial(run, Tracker)
-
-if __name__ == '__main__':
-    raise SystemExit(main())

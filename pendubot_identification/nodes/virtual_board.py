@@ -141,17 +141,12 @@ def _report(event: str) -> None:
 
 @contextmanager
 def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
-    """Make the board a ROS node, too, whose parameter is the payload; without ROS, report that it is none."""
-    try:
-        import rclpy
-        from rclpy.parameter import Parameter
-        from rclpy.signals import SignalHandlerOptions
+    """Make the board a ROS node, too, whose parameter is the payload."""
+    import rclpy
+    from rclpy.parameter import Parameter
+    from rclpy.signals import SignalHandlerOptions
 
-        from .runtime import SettingsNode, running
-    except ImportError as error:
-        print(f'virtual_board: rclpy cannot be imported ({error}), so that it is no node', file=sys.stderr, flush=True)
-        yield
-        return
+    from .runtime import SettingsNode, running
 
     class BoardNode(SettingsNode):
         PROGRAM, SETTINGS = 'virtual_board', (PAYLOAD,)
@@ -192,13 +187,9 @@ def main() -> int:
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())
             print(f'seed {options.seed}\nvirtual board on {server.path}', flush=True)
             server.serve(ended.is_set, options.duration)
-    except PendubotError as error:
+    except (PendubotError, ImportError) as error:
         print(f'virtual_board: {error}', file=sys.stderr)
         return 1
     finally:
         ignore_signals()
     return 0
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -13,6 +13,7 @@ import json
 import math
 import time
 from collections import deque
+from contextlib import suppress
 from typing import Any
 
 import rclpy
@@ -83,25 +84,15 @@ class Watcher(Node):
 
     def _named(self) -> list[dict[str, Any]]:
         said = {pair.key: pair.value for pair in self._status.values} if self._status is not None else {}
-        return [
-            {
-                'name': name,
-                'value': value,
-                'half': _half(said.get(f'{name}.std_error')),
-                'unit': said.get(f'{name}.unit'),
-            }
-            for name, value in self._theta.items()
-            if math.isfinite(value)
-        ]
-
-
-def _half(std_error: str | None) -> float | None:
-    """Return the half-width of a 95 % interval; None if it is not known."""
-    try:
-        half = NORMAL_95 * float(std_error or 'nan')
-    except ValueError:
-        return None
-    return half if math.isfinite(half) else None
+        found = []
+        for name, value in self._theta.items():
+            half = math.nan
+            with suppress(KeyError, ValueError):  # 'None' where it is not known
+                half = NORMAL_95 * float(said[f'{name}.std_error'])
+            interval = half if math.isfinite(half) else None
+            if math.isfinite(value):
+                found.append({'name': name, 'value': value, 'half': interval, 'unit': said.get(f'{name}.unit')})
+        return found
 
 
 def main() -> int:

@@ -3,8 +3,8 @@
 
 """The host's rules, without a port or a clock.
 
-Damaged frames and their exact counts, joining in mid-frame, glitches of encoders, boards that reset under random losses
-and a HELLO with false numbers are in benchmarks/faults; efforts that stop coming are in test/nodes.
+Damaged frames and their exact counts, glitches of encoders and boards that reset under random losses are in
+benchmarks/faults.
 """
 
 import math

@@ -3,9 +3,20 @@
 
 """Nodes of the tests' own, and a bag."""
 
+from dataclasses import asdict
+
 import pytest
+import yaml
 
 from pendubot_identification.cli.main import main
+from pendubot_identification.results.result_file import SCHEMA
+
+
+def written(path, parameters):
+    """Write parameters as the file of a result, and return it."""
+    values = {name: {'value': value} for name, value in asdict(parameters).items()}
+    path.write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
+    return path
 
 
 @pytest.fixture

@@ -18,10 +18,9 @@ from test.processes import Program, spin_until
 from test.rig import ARMED, PATIENT, WATCHDOG
 
 pytestmark = pytest.mark.ros
-on_each_board = pytest.mark.usefixtures('each_board')
 
 
-@on_each_board
+@pytest.mark.usefixtures('each_board')
 def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_for_good(rig):
     r = rig(200, '--torque-limit', '0.5')
     r.start_board()
@@ -35,6 +34,9 @@ def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_f
     answer = r.call('arm')
     assert (answer.success, answer.message) == (True, 'armed')
     r.drive_until(0.3, lambda: r.samples[-1][6] == 0.3)
+    r.drive_until(0.3, lambda: r.message.effort[2] == 3.0)  # of a motor of 0.1 N m/A
+    assert r.message.name == ['shoulder', 'elbow', 'shoulder_current']
+    assert {len(r.message.position), len(r.message.velocity), len(r.message.effort)} == {3}
     # Ten times the limit: the smaller limit, the board's, is what the motor gets.
     r.drive_until(5.0, lambda: r.samples[-1][6] == 0.5)
     assert r.trace()[:, 3].max() == 500_000
@@ -103,14 +105,13 @@ sys.exit(bridge.main())
 """
 
 
-@on_each_board
 @pytest.mark.parametrize('place', ['Host.next_poll', 'Health.diagnose'])
 def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path, place):
     r = rig()
     r.start_board()
     program = tmp_path / 'broken_bridge.py'
     program.write_text(BROKEN.format(place=place, port=r.port))
-    bridge = Program.of_file(program)
+    bridge = Program(program)
     r.programs.append(bridge)
     r.until_samples()
     client = r.node.create_client(r.trigger, '/bridge/arm')
@@ -122,7 +123,6 @@ def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path,
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
 
-@on_each_board
 def test_a_missing_port_is_waited_for_and_diagnostics_name_every_counter(rig):
     """Trials of benchmarks/faults lose and find it again."""
     # Glitches that follow each other closely are a speed, too.

@@ -3,6 +3,7 @@
 
 """The identifier in its own process: latched results, running again, failing without dying."""
 
+import re
 import shutil
 from dataclasses import replace
 
@@ -61,7 +62,7 @@ class Client(Observer):
 def test_while_it_computes_it_answers_and_says_how_far_it_is_and_a_result_that_cannot_be_written_is_published(
     ros, bag, tmp_path
 ):
-    """Lines at a decent rate, one for each step and then few; a status once a second, to the end."""
+    """A line for each step; a status once a second, to the end."""
     folder = tmp_path / 'gone'
     folder.mkdir()
     # Long enough to be heard of on any machine, and for its folder to go meanwhile.
@@ -79,10 +80,7 @@ def test_while_it_computes_it_answers_and_says_how_far_it_is_and_a_result_that_c
         assert not refused.success
         assert 'under way' in refused.message
         client.until(lambda: client.status(PROGRESS).message.startswith('energy: MDE, '))
-        told = values(client.status(PROGRESS))
-        assert told['step'] == 'energy: MDE'
-        assert 0 <= int(told['done']) <= int(told['of']) == 15_000
-        assert float(told['J']) > 0
+        assert re.fullmatch(r'energy: MDE, \d+ of 15000, J = \S+', client.status(PROGRESS).message)
         assert not client.params
         assert not ending.done()
         client.until(lambda: client.params and client.quality, 60.0)
@@ -91,8 +89,7 @@ def test_while_it_computes_it_answers_and_says_how_far_it_is_and_a_result_that_c
         answer = client.answer(ending)
         assert (answer.success, answer.message) == (False, sentence)
         client.until(lambda: (client.status(PROGRESS).level, client.status(PROGRESS).message) == (ERROR, sentence))
-        assert not client.status(PROGRESS).values
-        assert 1 <= sum('energy: MDE, ' in line for line in program.lines) < 30, 'of hundreds of calls'
+        assert sum('energy: MDE, ' in line for line in program.lines) == 1, 'of hundreds of calls'
         (status,) = client.quality
         assert [float(values(status)[name]) for name in NAMES[:7]] == list(client.params[0].data)
         assert sentence not in status.message, 'the parameters themselves are as good as before'
@@ -129,28 +126,20 @@ def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path, cl
     assert float(told['P1.std_error']) == result['parameters']['P1']['std_error']
     assert told['P1.unit'] == 'kg m^2'
     assert float(told['J.training']) == result['J']['training']
-    assert float(told['criteria.energy.J.validation']) == result['criteria']['energy']['J']['validation']
     assert told['criterion'] == result['criterion'] != 'energy'
-    assert float(told['criteria.energy.P1']) == result['criteria']['energy']['parameters']['P1']['value']
     assert told['prediction.error'] == str(result['prediction']['error'])
     assert told['bags.0.bag'] == f'{bag}@0:9'
-    assert len(told) < 175, 'matrices and single runs are in the file'
+    assert len(told) < 150, 'matrices and single runs are in the file'
     assert not [key for key in told if 'covariance' in key or 'runs' in key.split('_')]
 
 
-def test_what_a_rig_cannot_have_keeps_its_place_with_a_zero_and_is_named(bag, client):
+def test_identifies_again_with_the_parameters_of_the_moment_and_names_what_the_rig_cannot_have(bag, client):
     _, told, (params,) = client.identified(f'{bag}@0:9', criterion='weak', model='geared')
     assert params.layout.dim[0].label == ','.join(NAMES)
     assert len(params.data) == len(NAMES)
     assert params.data[NAMES.index('k2')] == 0
     assert told['not_in_model.0'] == 'k2, for the effort of the elbow is zero throughout'
     assert not [key for key in told if key.startswith('k2')]
-
-
-def test_identifies_again_with_the_parameters_of_the_moment(bag, client):
-    _, told, (params,) = client.identified(f'{bag}@0:9', model='rotor')
-    assert params.layout.dim[0].label == 'P1,P2,P3,P4,P5,b1,b2,Fc1,Fc2,J2'
-    assert float(told['J2']) == params.data[9]
     status, told, (params,) = client.identified(f'{bag}@0:9', model='viscous', criterion='energy')
     assert len(params.data) == 7
     assert status.level == WARN
@@ -206,12 +195,12 @@ def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client)
     [
         ('criterion', 'energy,magic', 'criterion is magic; one of energy, weak, likelihood'),
         ('model', 'magic', 'one of auto, viscous'),
-        ('delay_min', 0.2, 'the delay is searched from 0.2 to 0.1 s'),
+        ('delay', [0.2, 0.1], 'the delay is searched from 0.2 to 0.1 s'),
         ('start', '/nowhere.yaml', 'there is no file /nowhere.yaml'),
         ('link_length', -1.0, '-1.0'),
         ('population', 4, 'population is 4; a whole number from 5'),
-        ('upper_bounds', [-1.0] * 14, 'bounds of P1 are inverted'),
-        ('upper_bounds', [1.0] * 7, '14 lower and 7 upper bounds were given'),
+        ('bounds', ['P1=1:0'], 'bounds of P1 are inverted'),
+        ('bounds', ['P1'], "P1 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0"),
         ('joint_names', ['a'], 'joint_names has 1 values; 2 are expected'),
     ],
 )

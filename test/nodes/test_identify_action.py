@@ -12,7 +12,6 @@ import pytest
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from pendubot_identification.nodes.messages import LATCHED
 from test.nodes.observer import Observer
@@ -80,11 +79,17 @@ def test_a_goal_is_identified_with_feedback_and_its_failures_have_reasons(ros, b
         assert program.stop() == 0
 
 
-def test_a_goal_is_canceled_at_once_and_the_next_one_is_taken(ros, bag):
+def test_a_goal_is_canceled_at_once_and_one_whose_process_is_killed_or_whose_node_is_ends_too(ros, bag):
     with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
-        handle = goals.send(bag)
-        goals.until(lambda: any(f.stage == 'energy: MDE' and f.fraction >= 0 for f in goals.feedback), 60.0)
-        (child,) = children(program)
+
+        def computing():
+            """Send a goal; return it and the process that computes."""
+            handle = goals.send(bag)
+            goals.until(lambda: any(f.stage == 'energy: MDE' and f.fraction >= 0 for f in goals.feedback), 60.0)
+            (child,) = children(program)
+            return handle, child
+
+        handle, child = computing()
         status, result = goals.result(bag)
         assert (status, 'under way' in result.message) == (GoalStatus.STATUS_ABORTED, True)
         answer = handle.get_result_async()
@@ -94,30 +99,18 @@ def test_a_goal_is_canceled_at_once_and_the_next_one_is_taken(ros, bag):
         assert answer.result.message == 'the identification was canceled'
         assert not Path(f'/proc/{child}').exists(), 'what computes has ended, too'
         assert not goals.quality, 'the last result stays as it was'
+
+        handle, child = computing()
+        os.kill(child, 9)
+        answer = goals.waited(handle.get_result_async())
+        assert answer.status == GoalStatus.STATUS_ABORTED
+        assert answer.result.message.startswith('the process of the identification ended with status -9')
+
         assert goals.set('/identifier', optimizer='lsq', generations=0).successful
         status, _ = goals.result(bag)
         assert status == GoalStatus.STATUS_SUCCEEDED
-        assert program.stop() == 0
-
-
-def test_a_computation_that_the_system_ends_is_a_failure_and_the_node_lives(ros, bag):
-    with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
-        answer = goals.send(bag).get_result_async()
-        goals.until(lambda: any(f.stage == 'energy: MDE' for f in goals.feedback), 60.0)
-        (child,) = children(program)
-        os.kill(child, 9)
-        answer = goals.waited(answer)
-        assert answer.status == GoalStatus.STATUS_ABORTED
-        assert answer.result.message.startswith('the process of the identification ended with status -9')
-        assert not goals.call(Trigger, '/identifier/identify').success
-        assert program.stop() == 0
-
-
-def test_nothing_computes_on_after_the_node_was_killed(ros, bag):
-    with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
-        goals.send(bag)
-        goals.until(lambda: any(f.stage == 'energy: MDE' for f in goals.feedback), 60.0)
-        (child,) = children(program)
+        assert goals.set('/identifier', optimizer='auto', generations=LONG['generations']).successful
+        _, child = computing()
         end = os.pidfd_open(child)
         program.kill()
         assert select.select([end], [], [], 60.0)[0]

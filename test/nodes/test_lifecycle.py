@@ -129,19 +129,31 @@ def test_the_recorder_writes_while_it_is_active_into_one_bag(manager, rig, tmp_p
     assert gaps.sum() == 1
 
 
-def test_the_exciter_does_not_arm_before_the_recorder_is_active(manager, rig, tmp_path):
+def test_the_exciter_moves_nothing_that_no_active_recorder_writes(manager, rig, tmp_path):
     r = rig()
     r.start_board()
     r.start_bridge(*PATIENT)
     recorder = r.start('recorder', *parameters(output=tmp_path / 'bag', autostart='false'))
-    exciter = r.start('exciter', *parameters(arm='true', recorded='true', duration=0.2))
-    exciter.wait_for('waiting for a recorder of /joint_states')
+    pulses = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
+    exciter = r.start('exciter', *parameters(arm='true', recorded='true', **pulses))
     assert manager.change('recorder', 'configure'), recorder.output
     exciter.wait_for('waiting for a recorder of /joint_states')
     assert not (r.trace()[:, 4] & ARMED).any()
+    assert r.call('arm').success, 'whoever arms'
+    rows = len(r.trace())
+    r.until(lambda: len(r.trace()) > rows + 100)
+    assert not r.trace()[:, 3].any()
     assert manager.change('recorder', 'activate')
-    exciter.wait_for('exciting for')
-    assert exciter.process.wait(20) == 0
+    exciter.wait_for('exciting')
+    rows = len(r.trace())
+    r.until(lambda: len(r.trace()) > rows + 50)
+    recorder.kill()
+    exciter.wait_for('stopped: nothing was recorded for 5 s; look at the recorder')
+    assert exciter.process.wait(10) == 1
+    r.until(lambda: not r.trace()[-1, 4] & ARMED)
+    torque = read_trajectory(tmp_path / 'bag').trajectory.tau[:, 0]
+    assert torque[0] == 0.0, 'it moved before it was recorded'
+    assert torque.any()
 
 
 def test_an_identifier_and_a_tracker_do_nothing_while_they_are_inactive(manager):

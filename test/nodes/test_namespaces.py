@@ -15,7 +15,7 @@ from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.resources import resource
 from test.nodes.observer import Observer, values
-from test.processes import Program, parameters, run_program
+from test.processes import Program, parameters
 
 pytestmark = pytest.mark.ros
 PULSES = {'arm': 'true', 'width': 0.5, 'amplitude_min': 0.05, 'amplitude_max': 0.1}
@@ -117,11 +117,3 @@ def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_
         assert exciter.process.wait(10) == 0
     assert armed_or_moved(trace())
     assert int(trace()[-1]['status']) & 1 == 0
-
-
-def test_a_parameter_file_for_another_namespace_ends_the_node(tmp_path):
-    file = tmp_path / 'mine.yaml'
-    file.write_text('bridge:\n  ros__parameters:\n    torque_limit: 0.1\n')
-    ended = run_program('bridge', '--ros-args', *LAB1, '--params-file', file)
-    assert ended.returncode == 1
-    assert ended.stderr.startswith(f'bridge: nothing is taken from {file}: it holds parameters of /bridge, and none of')

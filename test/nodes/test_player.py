@@ -3,7 +3,9 @@
 
 import signal
 import struct
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 from rosbags.interfaces import QosDurability, QosLiveliness, QosTime
@@ -11,14 +13,17 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
+from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, decode_joint_state, encode_joint_state
+from test.conftest import ROOT
+from test.nodes.conftest import written
+from test.processes import Program, parameters, spin_until
 from test.recordings.independent import by_mcap
-
-from ..processes import Program, parameters, spin_until
 
 pytestmark = pytest.mark.ros
 
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
 START = 1_700_000_000_000_000_000
 MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
@@ -110,6 +115,31 @@ def test_the_pace_is_the_recordings_and_a_late_subscriber_hears_what_is_latched(
         assert program.stop(signal.SIGTERM) == 0
 
 
+def test_an_identified_rig_moves_beside_the_played_one_as_a_ghost(tmp_path, node):
+    """By the recorded torque, from the recorded state on, for a second at a time."""
+
+    def worst(parameters):
+        """Return the largest difference to the samples as played [rad] by joint."""
+        found = {}, {}
+        for topic, positions in zip(('joint_states', 'ghost/joint_states'), found, strict=True):
+            node.create_subscription(
+                JointState,
+                f'/{topic}',
+                lambda m, of=positions: of.update({(m.header.stamp.sec, m.header.stamp.nanosec): m.position[:2]}),
+                1000,
+            )
+        ghost = written(tmp_path / 'rig.yaml', parameters)
+        with player(f'{SAMPLE}@0:3', rate=2.0, topics='[/joint_states]', ghost=ghost) as program:
+            assert spin_until(node, lambda: program.process.poll() == 0), program.output
+        spin_until(node, lambda: len(found[1]) == len(found[0]), 1.0)
+        played, simulated = found
+        assert len(simulated) > 200
+        return np.abs([np.subtract(q, played[stamp]) for stamp, q in simulated.items()]).max(axis=0)
+
+    assert worst(PAPER).max() < 0.02
+    assert worst(replace(PAPER, P4=2 * PAPER.P4)).max() > 0.05
+
+
 def test_effort_commands_are_played_only_where_they_are_named_and_all_topics_within_the_namespace(tmp_path, node):
     """An armed rig would move; a bag of another rig is shown beside this one."""
     path = tmp_path / 'bag'
@@ -138,9 +168,5 @@ def test_effort_commands_are_played_only_where_they_are_named_and_all_topics_wit
     counts, output = played()
     assert counts == {'/states': 1}
     assert f'{COMMAND} would move an armed rig; name it in topics to play it' in output
-    assert played(topics=f'[{COMMAND}]')[0] == {COMMAND: 50}
-    assert played('-r', '__ns:=/lab1')[0] == {'/lab1/states': 1}
-    assert played('-r', '__ns:=/lab1', topics=f'[states, {COMMAND[1:]}]')[0] == {
-        '/lab1/states': 1,
-        f'/lab1{COMMAND}': 50,
-    }
+    counts, _ = played('-r', '__ns:=/lab1', topics=f'[states, {COMMAND[1:]}]')
+    assert counts == {'/lab1/states': 1, f'/lab1{COMMAND}': 50}

@@ -27,7 +27,7 @@ from benchmarks.faults.table import Figure
 from pendubot_identification.recordings.bag_reader import BagReader
 from test.recordings.independent import by_mcap, by_rosbags
 
-from ..processes import Program, spin_until
+from ..processes import spin_until
 
 pytestmark = pytest.mark.ros
 
@@ -126,21 +126,6 @@ def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_sa
     times = [offered['/latched'][name] for name in ('deadline', 'lifespan', 'liveliness_lease_duration')]
     assert times == [{'sec': 7, 'nsec': 5}, {'sec': 3600, 'nsec': 0}, {'sec': 60, 'nsec': 0}]
     assert offered['/effort']['deadline'] == {'sec': 9223372036, 'nsec': 854775807}
-
-
-def test_it_ends_by_itself_after_max_messages_of_the_first_topic(tmp_path, node, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with Program('recorder', '--ros-args', '-p', 'topics:=[/first,/second]', '-p', 'max_messages:=50') as program:
-        publishers = [node.create_publisher(Float64, topic, 1000) for topic in ('/second', '/first')]
-        wait_for_subscriptions(*publishers)
-        for publisher in publishers:
-            for k in range(80):
-                publisher.publish(Float64(data=float(k)))
-        assert program.process.wait(10) == 0
-    (path,) = tmp_path.glob('pendubot_20*T*Z')
-    info = BagReader(path)
-    assert info.closed
-    assert info.topics['/first'] == ('std_msgs/msg/Float64', 50)
 
 
 def test_metadata_of_a_killed_recording_names_every_topic_and_counts(tmp_path, node):

@@ -12,7 +12,9 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
+from pendubot_identification.model.parameters import PAPER
 from test.conftest import ROOT
+from test.nodes.conftest import written
 from test.processes import Program, parameters, spin_until
 
 pytestmark = pytest.mark.ros
@@ -67,6 +69,7 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
         'recorder': {'output': tmp_path / 'bag', 'topics': f'[joint_states, {EFFORT}, /pendubot/joint_commands]'},
         'player': {'bag': ROOT / 'bags/paper_experiment', 'topics': '[joint_states]', 'rate': 0.01, 'clock': 1.0},
     }
+    values['player']['ghost'] = written(tmp_path / 'rig.yaml', PAPER)
 
     def differences(programs):
         """What one of them uses and may not, and what it may and has not been seen to use."""

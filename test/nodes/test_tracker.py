@@ -11,7 +11,7 @@ from std_srvs.srv import SetBool, Trigger
 from pendubot_identification.nodes.topics import quality
 from test.changing_rig import Day, record, truth
 from test.nodes.observer import Observer, values
-from test.processes import Program, parameters, run_program
+from test.processes import Program
 
 pytestmark = pytest.mark.ros
 DAY = Day(payload=0.2, payload_at=20.0)
@@ -100,10 +100,3 @@ def test_samples_of_two_publishers_are_refused_and_it_begins_anew_with_the_one_t
         rig.until(lambda: NEEDED in rig.quality[-1].message)
         assert not rig.params
         rig.until(lambda: rig.statuses[-1].level == WARN)
-
-
-def test_a_start_that_cannot_be_read_is_refused(tmp_path):
-    done = run_program('tracker', *parameters(start=tmp_path / 'none.yaml'))
-    assert done.returncode == 1
-    assert 'there is no file' in done.stderr
-    assert 'Traceback' not in done.stderr

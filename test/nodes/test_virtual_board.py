@@ -5,18 +5,18 @@
 
 import signal
 import time
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.link.protocol import Arm, Command, Decoder, Mode, encode
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
-from pendubot_identification.results.result_file import SCHEMA
-from test.processes import run_program
+from test.nodes.conftest import written
+from test.nodes.observer import Observer
+from test.processes import Program, run_program
 from test.rig import ARMED, WATCHDOG
 
 
@@ -35,12 +35,6 @@ def pushed(*options):
     for _ in range(31):
         board.advance()
     return board.last.enc1
-
-
-def written(path, parameters):
-    values = {name: {'value': value} for name, value in asdict(parameters).items()}
-    path.write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
-    return path
 
 
 def test_a_result_takes_the_papers_place(tmp_path):
@@ -96,6 +90,14 @@ def test_the_virtual_board_explains_itself(options, status, text):
     assert 'Traceback' not in done.stderr
 
 
+@pytest.mark.ros
+def test_as_a_node_it_has_the_payload_as_a_parameter(ros):
+    with Program('virtual_board', '--ros-args') as board, Observer(ros) as observer:
+        assert observer.set('/virtual_board', payload=0.03).successful
+        board.wait_for('link 2 carries 0.03 kg')
+        assert 'out of range' in observer.set('/virtual_board', payload=-1.0).reason
+
+
 def test_a_trace_that_cannot_be_written_any_more_is_one_sentence(tmp_path):
     link, trace = tmp_path / 'board', tmp_path / 'trace.csv'
     ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace, file_limit=8192)
@@ -107,20 +109,20 @@ def test_a_trace_that_cannot_be_written_any_more_is_one_sentence(tmp_path):
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize('stopped', ['board', 'both'])
-def test_a_patient_rig_waits_while_its_computer_pauses(rig, stopped):
+def test_a_patient_rig_waits_while_its_computer_pauses(rig):
     r = rig(100, '--patient')
     board, bridge = r.start_board(), r.start_bridge('link_timeout:=60.0')
     r.until_samples()
     assert r.call('arm').success
     r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
-    before, begun = len(r.trace()), time.monotonic()
-    for number in (signal.SIGSTOP, signal.SIGCONT):
-        for program in [board] if stopped == 'board' else [board, bridge]:
-            program.process.send_signal(number)
-        time.sleep(0.5 if number == signal.SIGSTOP else 0.0)
-    r.drive_until(-0.2, lambda: r.samples[-1][6] == -0.2)
-    passed, trace = time.monotonic() - begun, r.trace()
-    assert passed - (len(trace) - before) * 0.01 > 0.4, 'it did not catch up'
-    assert (np.diff(trace[:, 0]) == 10_000).all()
-    assert (trace[before:, 4] & (ARMED | WATCHDOG) == ARMED).all()
+    for stopped, torque in (([board], -0.2), ([board, bridge], 0.1)):
+        before, begun = len(r.trace()), time.monotonic()
+        for number in (signal.SIGSTOP, signal.SIGCONT):
+            for program in stopped:
+                program.process.send_signal(number)
+            time.sleep(0.5 if number == signal.SIGSTOP else 0.0)
+        r.drive_until(torque, lambda torque=torque: r.samples[-1][6] == torque)
+        passed, trace = time.monotonic() - begun, r.trace()
+        assert passed - (len(trace) - before) * 0.01 > 0.4, 'it did not catch up'
+        assert (np.diff(trace[:, 0]) == 10_000).all()
+        assert (trace[before:, 4] & (ARMED | WATCHDOG) == ARMED).all()

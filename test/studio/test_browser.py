@@ -214,7 +214,7 @@ def test_the_folder_of_a_bag_is_dropped(opened):
 
 @pytest.mark.ros
 def test_the_running_rig_moves_in_the_page(opened):
-    with Program.of_file(Path(__file__).with_name('publisher.py')):
+    with Program(Path(__file__).with_name('publisher.py')):
         page = opened()
         click(page, 'Live')
         expect(page.locator('dl')).to_contain_text('0.500')
