@@ -217,16 +217,20 @@ class Identifier(ManagedNode):
 
 
 def identification_values(result: Result) -> dict[str, Any]:
-    """Return the entries of a result under flat names; matrices, single runs and other criteria are in the result file.
+    """Return the entries of a result under flat names; matrices and single runs are only in the result file.
 
     ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
-    ``warnings.0`` ...
+    ``warnings.0``, ``criteria.energy.P1`` ...
     """
     data = plain(result)
     values = parameter_values(data['parameters'])
     for key, entry in data.items():
         if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
             values |= flat(key, entry)
+    for name, answer in data['criteria'].items():
+        J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
+        brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
+        values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values
 
 
