@@ -1,17 +1,28 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Print the differences between exported rigs in other engines and this package: ``python -m benchmarks.exports``."""
+"""Print the differences between exported rigs in other engines and this package: ``python -m benchmarks.exports``.
+
+And the prediction errors of identified parameters in MuJoCo beside those of this package.
+"""
 
 import importlib
 import tempfile
 
 import numpy as np
 
+from pendubot_identification import read
+from pendubot_identification.criteria import prediction_error
+from pendubot_identification.criteria.prediction_error import Simulations
+from pendubot_identification.formats.masses import rig_of
 from pendubot_identification.formats.robots import mjcf, urdf
+from pendubot_identification.identify.pipeline import identify
+from pendubot_identification.identify.prediction import ASSESSED, HORIZONS, STRIDE, state_scale
 from pendubot_identification.model.dynamics import GRAVITY
-from pendubot_identification.model.parameters import MODELS
+from pendubot_identification.model.parameters import MODELS, Parameters
+from pendubot_identification.trajectories.motion import Motion
 from test.formats.test_engines import STEP, STEPS, Mujoco, compared
+from test.real import RIGS, recorded
 
 
 def integrated(acceleration, q, v):
@@ -90,6 +101,28 @@ class Drake:
         return integrated(acceleration, q, v)
 
 
+def predictions(recording):
+    """The prediction errors of a recording's second half by its first one, here and in MuJoCo."""
+    engine = importlib.import_module('mujoco')
+    halves = recording[: len(recording) // 2], recording[len(recording) // 2 :]
+    found = identify(halves[:1], halves[1:])
+    best = found.best
+    training, validation = (Motion.prepare(half, found.smoothing, best.effort.hold) for half in halves)
+    simulations = Simulations.of([validation], best.effort.delay, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
+    model = engine.MjModel.from_xml_string(mjcf(rig_of(Parameters.from_vector(best.theta))))
+    data, states = engine.MjData(model), np.empty((max(simulations.at) + 1, 4, len(simulations.t)))
+    model.opt.timestep = prediction_error.STEP / 2
+    for lane, start in enumerate(simulations.start.T):
+        engine.mj_resetData(model, data)
+        data.qpos, data.qvel = start[:2], start[2:]
+        for k, tau in enumerate(simulations.tau[:, :, lane].T, 1):
+            data.qfrc_applied = tau
+            engine.mj_step(model, data, 2)
+            states[k, :, lane] = [*data.qpos, *data.qvel]
+    off = (states[list(simulations.at)] - simulations.end) / state_scale([training])[:, None]
+    return best.prediction.error[:ASSESSED], np.sqrt((off**2).mean(axis=(1, 2)))
+
+
 CASES = [
     *((Mujoco, mjcf, model) for model in MODELS),
     (Pinocchio, mjcf, 'geared'),
@@ -104,3 +137,7 @@ if __name__ == '__main__':
     for engine, write, model in CASES:
         errors = ' | '.join(f'{error:.0e}' for error in compared(engine, write, model, 100))
         print(f'| {engine.__name__} | {write.__name__} | {model} | {errors} |')
+    print('\n| recording | error here | in MuJoCo |\n|---|---|---|')
+    for motion in (read('bags/paper_experiment'), *(recorded(rig, 'train')[0] for rig in RIGS)):
+        errors = (' / '.join(f'{error:.4f}' for error in each) for each in predictions(motion))
+        print(f'| {motion.name} | {" | ".join(errors)} |')
