@@ -35,7 +35,7 @@ class ClockSettings:
     window_us: int = 60_000_000  #: How far back delays are remembered [us].
     bucket_us: int = 500_000  #: Only the smallest delay of each stretch of so much board time [us] is remembered.
     finer: int = 4  #: At first, stretches are shorter by this factor, to find the skew soon ...
-    full: int = 16  #: ... and at this number of them, each two become one.
+    growth: int = 16  #: ... and then as long as all before them, over this number.
     fewest: int = 4  #: From fewer stretches, no skew is computed.
     max_slope: float = 100.0  #: A larger slope [ns per us] is clamped: 10 %.
     crystals: float = 1.0  #: Largest difference of two crystals [ns per us]: 0.1 %. A slope is larger ...
@@ -71,7 +71,7 @@ class BoardClock:
     """
 
     def __init__(self) -> None:
-        self._minima: deque[_Point] = deque(maxlen=SETTINGS.window_us // SETTINGS.bucket_us + 1)
+        self._minima: deque[_Point] = deque()
         self._last_stamp: int | None = None
         self.irregular = self.jumps = self.jump_us = 0
         self.restart()
@@ -79,7 +79,7 @@ class BoardClock:
     def restart(self) -> None:
         """Begin anew with the clock of a board that restarted; stamps go on increasing."""
         self._minima.clear()
-        self._span_us = SETTINGS.bucket_us // SETTINGS.finer  # of the present buckets
+        self._span_us = 0  # of the present bucket
         self._origin_us: int | None = None
         self._board_us = 0
         self._jumped_us = 0  # by all jumps together
@@ -130,11 +130,12 @@ class BoardClock:
         delay_ns = arrival_ns - 1000 * board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
         if not self._minima or board_us >= self._bucket_end:
-            if len(self._minima) >= SETTINGS.full and self._span_us < SETTINGS.bucket_us:
-                self._coarsen()
-            self._bucket_end = board_us + self._span_us
             while self._minima and self._minima[0].board_us < board_us - SETTINGS.window_us:
                 self._minima.popleft()
+            seen_us = board_us - self._minima[0].board_us if self._minima else 0
+            finest, coarsest = SETTINGS.bucket_us // SETTINGS.finer, SETTINGS.bucket_us
+            self._span_us = min(coarsest, max(finest, seen_us // SETTINGS.growth))
+            self._bucket_end = board_us + self._span_us
             if len(self._minima) >= SETTINGS.fewest:
                 self._follow()
             self._minima.append(_Point(board_us, delay_ns))
@@ -165,12 +166,6 @@ class BoardClock:
     def _below(self, board_us: int, delay_ns: int) -> float:
         """Return the intercept of a line of the present slope through this point."""
         return delay_ns - self._slope * (board_us - (self._origin_us or 0))
-
-    def _coarsen(self) -> None:
-        """Make one bucket of each two."""
-        minima, self._span_us = list(self._minima), 2 * self._span_us
-        self._minima.clear()
-        self._minima.extend(min(pair, key=lambda p: p.delay_ns) for pair in zip(minima[::2], minima[1::2], strict=True))
 
     def _follow(self) -> None:
         """Move the slope, once a bucket, towards that of the hull's edge that spans the middle of the window.

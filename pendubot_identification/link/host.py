@@ -77,9 +77,7 @@ class Host:
             self._output.seq = new_session() & 0xFFFF
         self.counters = self._output.counters
         self.clock = BoardClock()
-        self.state: State | None = None
         self._decoder = Decoder()
-        self._seq: int | None = None  # of the last frame, while the link is up
         self._joints = Joints(self.config, self._output)
         self._motor = Motor(self.config, self._output, new_session)
         # The link
@@ -91,21 +89,30 @@ class Host:
         self._last_poll: int | None = None
         self._held_up = False
         # The board
-        self._boot_id: int | None = None
+        self._forget_board()
         self._unusable = ''  # why its HELLO cannot be used
         self._asking = False
         self._last_request = 0
         self._unanswered = 0
         self._state_arrival = 0  # [ns]
         self._state_taken = 0  # host time at which the board took the last STATE [ns]
+        self._other_version = 0
+        self._zeros_sent = 0
+
+    def _forget_board(self) -> None:
+        """Begin with a board that has just booted."""
+        self.state: State | None = None
+        self._seq: int | None = None  # of the last frame, while the link is up
+        self._boot_id: int | None = None
         self._board_us: int | None = None  # board time of the last STATE
         #: Of the board's clock between frames that follow each other [us].
         self._steps: deque[int] = deque(maxlen=SETTINGS.steps)
-        self._other_version = 0
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
-        self._zeros_sent = 0
         self._rest: tuple[int, int, int] | None = None  # counts near which the rig is, and since when [us, board time]
+        self.clock.restart()
+        self._joints.restart()
+        self._motor.restarted()
 
     # What can be asked at any time
 
@@ -482,16 +489,7 @@ class Host:
         self.counters.restarts += 1
         self._output.report(Level.WARN, f'the board restarted: {reason}')
         self._motor.stop('the board restarted', now)
-        self._motor.restarted()
-        self._zeros_confirmed = False
-        self._limits = None
-        self._steps.clear()
-        self._board_us = self._rest = None
-        self._seq = None
-        self.clock.restart()
-        self._joints.restart()
-        self.state = None
-        self._boot_id = None
+        self._forget_board()
         self._ask(now)
 
     def _counts_per_turn(self, hello: Hello | None) -> tuple[int, int]:

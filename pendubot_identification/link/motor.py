@@ -58,10 +58,8 @@ class Motor:
     """
 
     def __init__(self, config: HostConfig, output: Output, new_session: Callable[[], int] | None = None) -> None:
-        self.board: Hello | None = None
         self.effort_stopped = False
         self.lost = ''
-        self.disobeyed = False
         self._config = config
         self._timeout = round(config.command_timeout * SECOND)
         self.torque_limit = config.torque_limit
@@ -74,16 +72,14 @@ class Motor:
         self._lock: int | None = None  # what the ARM under way carries
         self._frames_before = 0  # the last disarming; what was sent since is this host's own
         self._arm_seq = 0  # number of the first ARM of this arming
-        self._disarming_since: int | None = None  # until a STATE shows a mode 0 obeyed
         self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
-        self._before = _NO_STATE  # the last STATE
-        self._refused: int | None = None
         self._last_foreign = -SECOND
         self._torque = 0
         self._effort_not_finite = False
         self._last_effort = 0
         self._last_sent = 0
         self._last_torque_sent = -SECOND
+        self.restarted()
 
     def contested(self, now: int) -> bool:
         """Return whether another program sent commands to the board in the last second."""
@@ -102,9 +98,11 @@ class Motor:
 
     def restarted(self) -> None:
         """Note that the board restarted: it is disarmed, and knows of no session."""
-        self.board, self._before = None, _NO_STATE
-        self._disarming_since = self._refused = None
+        self.board: Hello | None = None
         self.disobeyed = False
+        self._disarming_since: int | None = None  # until a STATE shows a mode 0 obeyed
+        self._before = _NO_STATE  # the last STATE
+        self._refused: int | None = None
 
     def arm(self, state: State, now: int) -> None:
         """Begin to arm a board that is heard; ``state`` is its last one."""

@@ -179,18 +179,8 @@ Message = State | Command | Hello | HelloRequest | Arm
 Event = Message | Damaged
 
 _LIMITS = [f'limits.{field.name}' for field in fields(Limits)]
-_UNITS = ['watchdog_max_ms', 'cpr1', 'cpr2', 'torque_limit', 'sample_period_us']
-_HELLO = [
-    'boot_id',
-    'reset_cause',
-    'fault_cause',
-    *_UNITS,
-    'fault_pc',
-    'build',
-    'torque_constant',
-    *_LIMITS,
-    'firmware',
-]
+_BOOT = 'boot_id', 'reset_cause', 'fault_cause', 'watchdog_max_ms', 'cpr1', 'cpr2', 'torque_limit', 'sample_period_us'
+_HELLO = (*_BOOT, 'fault_pc', 'build', 'torque_constant', *_LIMITS, 'firmware')
 #: By message: the number of its type, its body, and the fields in the body's order behind type and version.
 _LAYOUTS: dict[type, tuple[int, struct.Struct, attrgetter[tuple[Any, ...]]]] = {
     kind: (number, struct.Struct(f'<BBHI{payload}'), attrgetter('seq', 't_us', *names))

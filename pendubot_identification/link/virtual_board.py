@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -333,8 +332,9 @@ class VirtualBoard:
     def _hello(self) -> Hello:
         s, seq, t_us = self.settings, self._next_seq(), self._clock_us % WRAP
         units = s.watchdog_max_ms, s.counts, s.counts, round(s.torque_limit * 1e6), s.sample_period_us
-        constants: dict[str, Any] = {'torque_constant': _TORQUE_CONSTANT, 'limits': s.limits}
-        return Hello(seq, t_us, self._boot_id, self._reset_cause, *units, 'virtual', **constants)
+        return Hello(
+            seq, t_us, self._boot_id, self._reset_cause, *units, 'virtual', 0, 0, 0, _TORQUE_CONSTANT, s.limits
+        )
 
     def _next_seq(self) -> int:
         seq, self._seq = self._seq, (self._seq + 1) & 0xFFFF

@@ -67,11 +67,8 @@ class Sketch:
 
 @pytest.fixture(scope='module')
 def program(objects, tmp_path_factory):
-    folders, target = (
-        ('-I', STAND_IN, '-I', TEMPLATE / 'arduino/pendubot'),
-        tmp_path_factory.mktemp('sketch') / 'sketch',
-    )
-    return compiled(target, *objects, STAND_IN / 'sketch_probe.cpp', options=folders, language='c++')
+    folders, target = ('-I', STAND_IN, '-I', TEMPLATE / 'arduino/pendubot'), tmp_path_factory.mktemp('sketch')
+    return compiled(target / 'sketch', *objects, STAND_IN / 'sketch_probe.cpp', options=folders, language='c++')
 
 
 @pytest.fixture

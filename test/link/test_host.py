@@ -32,9 +32,6 @@ from pendubot_identification.link.protocol import (
     encode,
     frame,
 )
-from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
-from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.model.simulation import Plant
 
 HELLO = Hello(0, 0, 77, 1, 500, 4000, 2000, 1_500_000, 10_000, 'test', limits=Limits(max_speed=100_000))
 #: Of a rig whose zeros nobody has to confirm.
@@ -47,51 +44,6 @@ def only(events, kind):
 
 def texts(events):
     return [report.text for report in only(events, Report)]
-
-
-class Rig:
-    """A host and a virtual board on a perfect cable, a sample every 10 ms; every event and frame is kept."""
-
-    def __init__(self, config=None, settings=None, faults=None):
-        self.host = Host(config or ASSUMED)
-        self.board = VirtualBoard(Plant(PAPER), settings or BoardSettings(), faults)
-        self.now = 10**12
-        self.events = self.host.opened(self.now)
-        self.commands = []
-        self.heard = Decoder(accept=(Command, HelloRequest, Arm))
-        self.connected = True
-
-    def step(self, samples=1):
-        """Let time pass."""
-        for _ in range(samples):
-            self.deliver()
-            data = self.board.advance()
-            for _ in range(5):
-                self.now += 2 * MS
-                self.events += self.host.poll(self.now)
-            if self.connected:
-                self.events += self.host.receive(data, self.now)
-        self.deliver()
-
-    def deliver(self):
-        data = self.host.data_to_send()
-        self.commands += [(self.now, c) for c in self.heard.feed(data) if isinstance(c, (Command, Arm))]
-        if self.connected:
-            self.board.receive(data)
-
-    def armed(self):
-        self.step(3)
-        self.events += self.host.arm(self.now)
-        self.step(3)
-        assert self.host.armed
-        return self
-
-    def effort(self, torque):
-        self.events += self.host.effort(torque, self.now)
-        self.deliver()
-
-    def reports(self):
-        return texts(event for event in self.events if isinstance(event, Report) and event.level >= Level.WARN)
 
 
 class Wire:
@@ -125,11 +77,11 @@ class Wire:
     def sent(self, kind=object):
         return only(Decoder(accept=(Command, HelloRequest, Arm)).feed(self.host.data_to_send()), kind)
 
-    def armed(self):
-        """Arm; later STATEs show what was obeyed."""
-        self.state()
+    def armed(self, **state):
+        """Arm a board that shows this STATE; later ones show what was obeyed."""
+        self.state(**state)
         self.host.arm(self.now)
-        self.obeyed = {'status': Status.ARMED, 'cmd_seq': self.sent(Arm)[-1].seq}
+        self.obeyed = state | {'status': Status.ARMED, 'cmd_seq': self.sent(Arm)[-1].seq}
         self.state(**self.obeyed)
         assert self.host.armed
         return self
@@ -523,32 +475,33 @@ def test_a_wrong_time_is_counted_and_a_wrong_rate_is_told_within_a_second():
 
 @pytest.mark.parametrize(('wanted', 'longest'), [(40, 500), (400, 40)])
 def test_at_least_two_commands_for_each_watchdog_period_the_boards_or_the_configured(wanted, longest):
-    rig = Rig(replace(ASSUMED, watchdog_ms=wanted), BoardSettings(watchdog_max_ms=longest)).armed()
-    begun = len(rig.commands)
-    rig.step(200)
-    times = [at for at, _ in rig.commands[begun:]]
-    assert max(b - a for a, b in pairwise(times)) <= 20 * MS
-    assert rig.host.armed
+    wire, sent = Wire(replace(ASSUMED, watchdog_ms=wanted), replace(HELLO, watchdog_max_ms=longest)).armed(), []
+    for _ in range(200):
+        for _ in range(5):
+            wire.wait(2)
+            sent += [wire.now] * len(wire.sent(Command))
+        wire.state(step=0, **wire.obeyed)
+    assert max(b - a for a, b in pairwise(sent)) <= 20 * MS
+    assert wire.host.armed
 
 
 @pytest.mark.parametrize(('configured', 'limit'), [(0.3, 300_000), (5.0, 1_200_000)])
 def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_it_goes_on(configured, limit):
-    rig, health = Rig(replace(ASSUMED, torque_limit=configured), BoardSettings(torque_limit=1.2)).armed(), Health()
+    wire = Wire(replace(ASSUMED, torque_limit=configured), replace(HELLO, torque_limit=1_200_000)).armed()
+    health, reports = Health(), []
     for k in range(200):
-        rig.effort((-1) ** k * 10.0)
-        assert rig.commands[-1][1].torque == (-1) ** k * limit
-        rig.effort(-0.1)
-        rig.step(1)
-        diagnosis = health.diagnose(rig.host, rig.now)
+        reports += texts(wire.host.effort((-1) ** k * 10.0, wire.now))
+        assert wire.sent()[-1].torque == (-1) ** k * limit
+        wire.state(**wire.effort(-0.1))
+        diagnosis = health.diagnose(wire.host, wire.now)
         assert diagnosis.level == Level.WARN
     assert diagnosis.values['clamped'] == '200'
     assert diagnosis.values['torque limit [N m]'] == f'{limit / 1e6:g}'
-    assert rig.reports() == [f'an effort command of 10 N m came; at most {limit / 1e6:g} N m are sent']
-    rig.step(101)
-    rig.effort(10.0)
-    assert len([text for text in rig.reports() if 'at most' in text]) == 2
-    rig.effort(0.1234567)
-    assert rig.commands[-1][1].torque == 123_457
+    assert reports == [f'an effort command of 10 N m came; at most {limit / 1e6:g} N m are sent']
+    wire.states(101, **wire.effort(-0.1))
+    assert texts(wire.host.effort(10.0, wire.now)), 'once more after a second'
+    wire.host.effort(0.1234567, wire.now)
+    assert wire.sent()[-1].torque == 123_457
 
 
 @pytest.mark.parametrize('pause', [0, 300_000, 7 * MS, 600 * MS])
@@ -570,47 +523,44 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
 # What disarms
 
 
-def unheard(samples):
-    """Let the board go on without the host, for so many samples."""
-
-    def happens(rig):
-        rig.connected = False
-        rig.step(samples)
-        rig.connected = True
-
-    return happens
-
-
-def trips(rig):
-    """The board, which the host does not hear: it is back before the link is lost."""
-    unheard(9)(rig)
-    for _ in range(2):
-        rig.board.advance()
-
-
 @pytest.mark.parametrize(
-    ('faults', 'happens', 'told', 'counted'),
+    ('happens', 'told', 'counted'),
     [
-        ({}, unheard(62), 'link lost', {'link_losses': 1}),
-        ({}, trips, "the board's watchdog tripped", {'trips': 1, 'lost': 11}),
-        ({'over_current_at': 0.2}, lambda rig: rig.step(50), 'the board reports a fault: over current', {}),
-        ({}, lambda rig: [rig.effort(math.nan) for _ in range(3)], 'an effort command of nan', {'not_finite': 3}),
-        ({}, lambda rig: rig.effort(-math.inf), 'an effort command of -inf', {'not_finite': 1}),
-        ({'reset_at': 0.5}, lambda rig: rig.step(60), 'the board restarted', {'restarts': 1, 'lost': 0}),
+        (lambda wire: [e for _ in range(12) for e in wire.wait(10)], 'link lost', {'link_losses': 1}),
+        (
+            lambda wire: wire.state(**wire.obeyed | {'status': Status.WATCHDOG}),
+            "the board's watchdog tripped",
+            {'trips': 1},
+        ),
+        (
+            lambda wire: wire.state(**wire.obeyed | {'status': Status.OVER_CURRENT}),
+            'the board reports a fault: over current',
+            {},
+        ),
+        (
+            lambda wire: [e for _ in range(3) for e in wire.host.effort(math.nan, wire.now)],
+            'an effort command of nan',
+            {'not_finite': 3},
+        ),
+        (lambda wire: wire.host.effort(-math.inf, wire.now), 'an effort command of -inf', {'not_finite': 1}),
+        (
+            lambda wire: wire.hear(replace(HELLO, seq=2, boot_id=78)),
+            'the board restarted',
+            {'restarts': 1, 'lost': 0},
+        ),
     ],
 )
-def test_it_disarms_reports_once_and_stays_disarmed_until_told_again(faults, happens, told, counted):
-    rig = Rig(faults=Faults(**faults)).armed()
-    happens(rig)
-    rig.step(60)
-    assert not rig.host.armed
-    assert not rig.board.armed
-    assert len([text for text in rig.reports() if text.startswith(told)]) == 1
-    assert {name: getattr(rig.host.counters, name) for name in counted} == counted
-    stamps = [sample.stamp_ns for sample in only(rig.events, Sample)]
-    assert all(a < b for a, b in pairwise(stamps))
-    assert rig.now - stamps[-1] <= 20 * MS
-    rig.armed()
+def test_it_disarms_reports_once_and_stays_disarmed_until_told_again(happens, told, counted):
+    wire = Wire().armed()
+    wire.sent()
+    events = happens(wire)
+    assert not wire.host.armed
+    disarm = next(command for command in wire.sent(Command) if command.mode == Mode.DISARM)
+    events += wire.states(60, cmd_seq=disarm.seq, lock=2)
+    assert not wire.host.armed
+    assert len([text for text in texts(events) if text.startswith(told)]) == 1
+    assert {name: getattr(wire.host.counters, name) for name in counted} == counted
+    wire.armed(cmd_seq=disarm.seq, lock=2)
 
 
 @pytest.mark.parametrize(
@@ -644,38 +594,35 @@ def test_a_board_that_answers_but_does_not_sample_is_lost_once():
 
 
 def test_a_program_that_was_held_up_reads_first_before_it_calls_the_link_lost():
-    rig = Rig().armed()
-    data = b''.join(rig.board.advance() for _ in range(50))
-    rig.now += 500 * MS
-    rig.events += rig.host.poll(rig.now)
-    rig.events += rig.host.receive(data, rig.now)
-    assert (rig.host.counters.link_losses, rig.host.counters.lost) == (0, 0)
+    wire = Wire().armed()
+    wire.wait(0)
+    wire.wait(500)
+    frames = [State(k, 10_000 * k, 0, 0, 0, 0, 2400, wire.obeyed['cmd_seq'], Status.ARMED, 1) for k in range(3, 53)]
+    wire.host.receive(b''.join(map(encode, frames)), wire.now)
+    assert (wire.host.counters.link_losses, wire.host.counters.lost, wire.host.armed) == (0, 0, True)
 
 
-@pytest.mark.parametrize('restarts', [True, False])
-def test_a_closed_port_disarms_and_needs_a_new_hello(restarts):
+@pytest.mark.parametrize('boot_id', [HELLO.boot_id, 78])
+def test_a_closed_port_disarms_and_needs_a_new_hello(boot_id):
     """Of the board that was there before, which is still armed, or of one that had no power meanwhile."""
-    rig = Rig(faults=Faults(reset_at=0.27 if restarts else math.inf)).armed()
-    rig.effort(0.5)
-    rig.step(20)
-    rig.host.effort(0.5, rig.now)
-    rig.events += rig.host.closed('the port was lost', rig.now)
-    rig.host.disarm(rig.now)
-    assert rig.host.condition(0) == Report(Level.ERROR, 'the port was lost')
-    assert rig.host.data_to_send() == b''
-    for _ in range(3):
-        rig.board.advance()
-    rig.events += rig.host.opened(rig.now)
-    rig.events += rig.host.receive(rig.board.advance(), rig.now)
-    assert rig.host.counters.unscaled == 1
-    rig.step(1)
-    assert not rig.board.armed
-    rig.step(3)
-    assert (rig.host.link, rig.host.armed) == ('up', False)
-    assert (rig.host.counters.restarts, rig.host.counters.lost) == (restarts, 0)
-    assert rig.host.condition(0) == Report(Level.WARN, 'disarmed: the link was lost; arm again when it is safe')
-    rig.armed()
-    assert rig.host.condition(0) == Report(Level.OK, 'armed')
+    wire, restarted = Wire().armed(), boot_id != HELLO.boot_id
+    wire.host.effort(0.5, wire.now)
+    wire.host.closed('the port was lost', wire.now)
+    wire.host.disarm(wire.now)
+    assert wire.host.condition(0) == Report(Level.ERROR, 'the port was lost')
+    assert wire.host.data_to_send() == b''
+    wire.host.opened(wire.now)
+    assert not only(wire.state(50, **{} if restarted else wire.obeyed), Sample)
+    assert wire.host.counters.unscaled == 1
+    (disarm,) = wire.sent(Command)
+    assert disarm.mode == Mode.DISARM
+    wire.hear(replace(HELLO, seq=51, boot_id=boot_id))
+    wire.state(52, cmd_seq=disarm.seq, lock=2)
+    assert (wire.host.link, wire.host.armed) == ('up', False)
+    assert (wire.host.counters.restarts, wire.host.counters.lost) == (restarted, 0)
+    assert wire.host.condition(0) == Report(Level.WARN, 'disarmed: the link was lost; arm again when it is safe')
+    wire.armed(cmd_seq=disarm.seq, lock=2)
+    assert wire.host.condition(0) == Report(Level.OK, 'armed')
 
 
 def test_the_first_request_is_heard_whatever_the_host_before_left_unfinished():
