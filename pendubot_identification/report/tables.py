@@ -288,21 +288,18 @@ def remarks(result: Result) -> list[str]:
 
 
 def judgement(result: Result) -> str:
-    """Return the remarks of a result, and of each other criterion the first of its own warnings."""
-    lines = remarks(result)
-    for name, (first, *others) in own_warnings(result).items():
-        more = f' (and {len(others)} more)' if others else ''
-        lines.append(f'{name} alone, {result.criteria[name].level.name}: {first}{more}')
-    return '\n'.join(map(wrapped, lines))
+    """Return the remarks of a result, and the own warnings of each other criterion."""
+    return '\n'.join(map(wrapped, [*remarks(result), *own_warnings(result)]))
 
 
-def own_warnings(result: Result) -> dict[str, list[str]]:
-    """Return by criterion the warnings that the result does not have; without criteria that have none."""
-    found = {
-        name: [warning for warning in answer.warnings if warning not in result.warnings]
+def own_warnings(result: Result) -> list[str]:
+    """Return the warnings of each criterion that the result does not have."""
+    return [
+        f'{name} alone, {answer.level.name}: {warning}'
         for name, answer in result.criteria.items()
-    }
-    return {name: warnings for name, warnings in found.items() if warnings}
+        for warning in answer.warnings
+        if warning not in result.warnings
+    ]
 
 
 def headline(result: Result) -> str:
