@@ -260,7 +260,7 @@ def test_an_option_or_a_recording_that_there_is_not_is_refused(page):
 def test_the_running_rig_is_relayed_by_a_program_that_only_listens(studio, ros):
     with Program.of_file(Path(__file__).with_name('publisher.py')):
         answer = studio.request('GET', 'live')
-        while 'q' not in (line := json.loads(answer.readline())) or not line['parameters']:
+        while 'q' not in (line := json.loads(answer.readline())) or not (line['parameters'] and line['level']):
             pass
         assert line['q'][1] == 0.5
         assert abs(line['q'][0]) <= 1
