@@ -287,10 +287,10 @@ const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the larges
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
   ['geared', 'Geared', 'and friction of gears']];
 function method() {
-  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'seed', 'spread', 'apply_remedies'];
+  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'bounds', 'seed', 'spread', 'apply_remedies'];
   return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}
     ${choices('criterion', 'Criterion', CRITERIA)}
-    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, seed',
+    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, bounds, seed',
       html`<div class="fields">${rest.map(field)}</div>`)}${actions(passed())}`;
 }
 

@@ -133,7 +133,7 @@ def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
     page = opened(slow)
     sample(page)
     page.get_by_text('by differential evolution').click()
-    page.get_by_text('Hold, delay, length of link 1, seed').click()
+    page.get_by_text('Hold, delay, length of link 1, bounds, seed').click()
     page.get_by_label('Spread', exact=True).fill('0')
     click(page, 'Continue')
     (worker,) = slow.workers()
