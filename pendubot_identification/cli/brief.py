@@ -25,7 +25,7 @@ def brief(result: Result, files: int) -> str:
     shown = [(remark, COLOURS[result.level]) for remark in remarks(result)]
     shown += [(f'to do: {sentence}', 'bold') for sentence in (*result.advice, *design)]
     room, lines = LINES - files - len(head), list[str]()
-    left_out = sum(map(len, own_warnings(result).values()))
+    left_out = len(own_warnings(result))
     for remark, colour in shown:
         paragraph = textwrap.wrap(remark, columns(), subsequent_indent='  ', break_on_hyphens=False)
         # The first remark is always shown, and one line is kept for the last line.

@@ -68,16 +68,10 @@ def result_page(
         'compared': compared or {},
         'downloads': {name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
         'rig': model,
-        'lengths': rig.proportions(result),
         'acceleration': Markup(javascript(len(model['names']))),
         'command': rig.command(result),
     }
     return render('page.html.jinja', pictures, **shown)
-
-
-def failure_page(reason: str, asked: Sequence[str], pictures: Iterable[Picture] = ()) -> str:
-    """Return the page of an identification that failed: why, what was asked for, and the data as far as they go."""
-    return render('page.html.jinja', pictures, result=None, reason=reason, asked=asked)
 
 
 def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
@@ -172,7 +166,8 @@ def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motio
         ResultError: the system refuses to write.
     """
     pictures = plots.plot_recordings(*motions) if motions else []
-    return _write(folder, {}, (), failure_page(reason, asked, pictures), [reason, *asked])
+    page = render('page.html.jinja', pictures, result=None, reason=reason, asked=asked)
+    return _write(folder, {}, (), page, [reason, *asked])
 
 
 def write_track(

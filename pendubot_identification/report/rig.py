@@ -45,11 +45,13 @@ def rig(result: Result, beside: Beside | None = None) -> dict[str, Any]:
     vectors = {'identified': result.theta, **({beside[1]: beside[0].theta} if beside else {})}
     size = max(len(p.vector(result.model)) for p in vectors.values())
     ends = {name: entry.interval for name, entry in result.parameters.items()}
+    *lengths, scale = proportions(result)
     return {
         'names': NAMES[:size],
         'vectors': {name: astuple(p)[:size] for name, p in vectors.items()},
         'intervals': {n: (low, high) for n, (low, high) in ends.items() if None not in (low, high) and low != high},
-        'lengths': proportions(result)[:2],
+        'lengths': lengths,
+        'scale': scale,
     }
 
 

@@ -45,51 +45,43 @@ def relative_half_width(entry: Parameter) -> float | None:
     return None if half_width is None else min(half_width / abs(entry.value), 1.0) if entry.value else 1.0
 
 
-def detail_table(result: Result, beside: Beside | None = None) -> Table:
-    """Return a row for each parameter: meaning, 95 % interval, doubts, and the estimate of another result."""
-    format, answer = rounding(result.parameters.values()), result.criteria[result.criterion]
-    correlation = dict(zip(answer.parameters, answer.correlation, strict=False))
-    rows = []
-    for name, entry in result.parameters.items():
-        together = [
-            f'with {other}: {value:.2f}'
-            for other, value in zip(answer.parameters, correlation.get(name, ()), strict=False)
-            if other != name and value is not None and abs(value) > ASSESSMENT.correlated
-        ]
-        doubts = dict.fromkeys([_doubt(entry), result.not_covered.get(name, ''), *together])
-        rows.append(
-            [f'{name} [{entry.unit}]', MEANINGS[name], _interval(entry, format), '; '.join(filter(None, doubts))]
-        )
-        if beside:
-            other = beside[0].parameters.get(name)
-            rows[-1].append('' if other is None else number(other.value, format))
-    head = ['parameter', 'meaning', '95 % interval', 'doubts', *([beside[1]] if beside else [])]
-    return Table(head, rows, _notes(result))
+def parameter_table(result: Result, beside: Beside | None = None, *, complete: bool = False) -> Table:
+    """Return a row for each parameter: estimate, 95 % interval, the estimates of others, and doubts.
 
-
-def parameter_table(result: Result) -> Table:
-    """Return a row for each parameter: estimate, 95 % interval, the paper's estimate, and doubts."""
+    ``complete``: with its meaning, and with all doubts instead of one.
+    """
     format, entries, head = rounding(result.parameters.values()), result.parameters, papers_head(result)
-    papers = result.criteria['energy'].parameters if head else {}
-    doubts = [_doubt(entry) for entry in entries.values()]
+    others = {head: result.criteria['energy'].parameters} if head else {}
+    others |= {beside[1]: beside[0].parameters} if beside else {}
+    doubts = [_doubts(result, name) if complete else _doubt(entry) for name, entry in entries.items()]
     columns = [
         ['', *(f'{name} [{entry.unit}]' for name, entry in entries.items())],
+        ['meaning', *(MEANINGS[name] for name in entries)] if complete else [],
         ['estimate', *(number(entry.value, format) for entry in entries.values())],
-        ['95 % interval', *(_interval(entry, format) for entry in entries.values())],
-        [head, *(number(papers[name].value, format) if name in papers else '-' for name in entries)] if head else [],
+        [
+            '95 % interval',
+            *(' to '.join(number(bound, format) for bound in entry.interval) for entry in entries.values()),
+        ],
+        *([title, *(number(p[n].value, format) if n in p else '-' for n in entries)] for title, p in others.items()),
         ['', *doubts] if any(doubts) else [],
     ]
     titles, *lines = zip(*filter(None, columns), strict=True)
-    return Table(titles, lines, _notes(result))
-
-
-def _interval(entry: Parameter, format: str) -> str:
-    return ' to '.join(number(bound, format) for bound in entry.interval)
-
-
-def _notes(result: Result) -> list[str]:
     missing = (f'not in the model: {which}' for which in result.not_in_model)
-    return [f'95 % intervals: {result.criteria[result.criterion].uncertainty}', *missing]
+    return Table(titles, lines, [f'95 % intervals: {result.criteria[result.criterion].uncertainty}', *missing])
+
+
+def _doubts(result: Result, name: str) -> str:
+    """Return why an estimate is not reliable, and with which others it is correlated."""
+    answer = result.criteria[result.criterion]
+    together = [
+        f'with {other}: {value:.2f}'
+        for other, value in zip(
+            answer.parameters, answer.correlation[list(answer.parameters).index(name)], strict=False
+        )
+        if other != name and value is not None and abs(value) > ASSESSMENT.correlated
+    ]
+    reasons = [_doubt(result.parameters[name]), result.not_covered.get(name, ''), *together]
+    return '; '.join(filter(None, dict.fromkeys(reasons)))
 
 
 def _with_error(value: float | None, error: float | None, format: str, quantile: float = NORMAL_95) -> str:
@@ -288,21 +280,18 @@ def remarks(result: Result) -> list[str]:
 
 
 def judgement(result: Result) -> str:
-    """Return the remarks of a result, and of each other criterion the first of its own warnings."""
-    lines = remarks(result)
-    for name, (first, *others) in own_warnings(result).items():
-        more = f' (and {len(others)} more)' if others else ''
-        lines.append(f'{name} alone, {result.criteria[name].level.name}: {first}{more}')
-    return '\n'.join(map(wrapped, lines))
+    """Return the remarks of a result, and the own warnings of each other criterion."""
+    return '\n'.join(map(wrapped, [*remarks(result), *own_warnings(result)]))
 
 
-def own_warnings(result: Result) -> dict[str, list[str]]:
-    """Return by criterion the warnings that the result does not have; without criteria that have none."""
-    found = {
-        name: [warning for warning in answer.warnings if warning not in result.warnings]
+def own_warnings(result: Result) -> list[str]:
+    """Return the warnings of each criterion that the result does not have."""
+    return [
+        f'{name} alone, {answer.level.name}: {warning}'
         for name, answer in result.criteria.items()
-    }
-    return {name: warnings for name, warnings in found.items() if warnings}
+        for warning in answer.warnings
+        if warning not in result.warnings
+    ]
 
 
 def headline(result: Result) -> str:

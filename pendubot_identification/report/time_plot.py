@@ -123,7 +123,7 @@ class TimePlot:
         for panel, axis in zip(data['panels'], axes, strict=False):
             for line in panel['lines']:
                 _draw(axis, np.array(panel['t']), line)
-            first, last = panel['t'][0], panel['t'][-1]
+            first, last = min(panel['t'], default=0.0), max(panel['t'], default=0.0)
             for begin, end, colour, _ in (span for span in data['spans'] if first <= span[1] and span[0] <= last):
                 axis.axvspan(begin, end, color=colour, linewidth=0 if end > begin else 0.8)
             axis.set(ylabel=panel['label'].replace(' [', '\n['), ylim=panel['reach'])

@@ -41,8 +41,9 @@ PAGE |= {'base.css': ROOMS / 'report' / 'base.css'}
 LARGEST, SESSIONS, LONGEST_NAME = 2 << 30, 16, 200
 #: Longest line of a task [bytes].
 LINE = 1 << 24
+BOUNDS = Setting('bounds', '', 'search intervals, such as P1=0:0.5, or fixed values, such as b2=0', optional=True)
 #: The options of the page, without those of files of settings.
-SETTINGS = {s.name: s for s in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if s not in (START, *EXPERT)}
+SETTINGS = {s.name: s for s in (*OPTIONS, BOUNDS, APPLY_REMEDIES, *CONVERSION) if s not in (START, *EXPERT)}
 NO_SPACE = 'free space on this disk, or start the studio with TMPDIR on another one'
 #: Nothing comes from a network. A page of a result may run its own scripts, but not call the studio.
 POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; frame-src 'self'"

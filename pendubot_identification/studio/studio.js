@@ -4,7 +4,7 @@
 'use strict';
 const state = { step: 0, files: [], options: {}, topic: '/joint_states', joints: ['shoulder', 'elbow'], shown: 0,
   open: {} };
-let about, running = null, pressed = false;
+let about, running = null, waiting;
 
 /* ---- HTML: every value is escaped unless it is HTML already ---- */
 class Html { constructor(text) { this.text = text; } }
@@ -287,10 +287,10 @@ const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the larges
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
   ['geared', 'Geared', 'and friction of gears']];
 function method() {
-  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'seed', 'spread', 'apply_remedies'];
+  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'bounds', 'seed', 'spread', 'apply_remedies'];
   return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}
     ${choices('criterion', 'Criterion', CRITERIA)}
-    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, seed',
+    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, bounds, seed',
       html`<div class="fields">${rest.map(field)}</div>`)}${actions(passed())}`;
 }
 
@@ -386,7 +386,9 @@ const STEPS = [['Recordings', recordings, () => true], ['Columns', columns, esti
 function go(k) { if (!state.fitting) cancel(); state.step = k; draw(); scrollTo(0, 0);
   $('#step').focus({ preventScroll: true }); }
 function draw() {
-  if (pressed) { pressed = 'later'; return; }  // what is pressed must still be there when it is released
+  clearTimeout(waiting);
+  // What is pressed must still be there when it is released.
+  if ($(':is(button, label, select, summary):active')) { waiting = setTimeout(draw, 50); return; }
   const { set, do: act } = document.activeElement?.dataset ?? {};
   state.offers = [];
   $('#rail').innerHTML = STEPS.map(([name,, ready], k) => {
@@ -444,12 +446,6 @@ function listen() {
   addEventListener('toggle', ({ target }) => {
     if (target.dataset?.open) state.open[target.dataset.open] = target.open;
   }, true);
-  addEventListener('pointerdown', () => { pressed = true; }, true);
-  for (const name of ['pointerup', 'pointercancel']) addEventListener(name, () => setTimeout(() => {
-    const later = pressed === 'later';
-    pressed = false;
-    if (later) draw();
-  }), true);
   for (const name of ['dragover', 'dragleave', 'drop']) addEventListener(name, (event) => {
     event.preventDefault();
     $('.drop')?.classList.toggle('over', name === 'dragover');

@@ -19,6 +19,7 @@ from typing import Any
 
 from pendubot_identification import api
 from pendubot_identification.errors import PendubotError, ResultError, sentence
+from pendubot_identification.trajectories.conventions import CONVERSION
 
 #: Points of a preview.
 POINTS = 300
@@ -26,12 +27,15 @@ POINTS = 300
 INTERVAL = 0.1
 #: The files for other programs.
 EXPORTS = [f'pendubot.{suffix}' for suffix in ('xml', 'urdf', 'yaml', 'm', 'h', 'py')]
+#: The options by which a recording is read.
+READING = {'topic', 'joint_names', *(setting.name for setting in CONVERSION)}
 Say = Callable[[Mapping[str, Any]], None]
 
 
 def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     """Return how a recording is read."""
-    found = api.describe(job['bags'][0], **_reading(job))
+    options = {name: value for name, value in _options(job).items() if name in READING}
+    found = api.describe(job['bags'][0], **options)
     shown = {name: getattr(found, name) for name in ('columns', 'taken', 'topics', 'joints', 'options')}
     guesses = found.survey['guesses'] if found.survey else []
     shown |= {'taken_as': found.taken_as, 'guesses': guesses, 'problem': found.problem and _problem(found.problem)}
@@ -45,7 +49,7 @@ def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
 
 def check(job: Mapping[str, Any], say: Say) -> list[dict[str, Any]]:
     """Return the findings of the checks."""
-    found = api.check(*job['bags'], validate=job['validate'], **_reading(job))
+    found = api.check(*job['bags'], validate=job['validate'], **_options(job))
     return [{'check': f.check, 'level': f.level.name, 'sentence': f.sentence, 'remedy': f.remedy} for f in found]
 
 
@@ -59,7 +63,8 @@ def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
             last, step = time.monotonic(), what
             say({'progress': what, 'done': done, 'of': of, 'best': best if best == best else None})
 
-    found = api.identify(*job['bags'], validate=job['validate'], progress=progress, **_reading(job))
+    bounds = dict(pair.partition('=')[::2] for pair in job['options'].get('bounds', '').split(',') if pair)
+    found = api.identify(*job['bags'], validate=job['validate'], bounds=bounds, progress=progress, **_options(job))
     say({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
     folder = Path(job['folder']) / 'output'
     try:
@@ -77,8 +82,9 @@ def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     return {'level': found.level.name, 'command': found.command, 'files': files, 'missing': missing}
 
 
-def _reading(job: Mapping[str, Any]) -> dict[str, Any]:
-    return {'topic': job['topic'], 'joint_names': job['joints'], **job['options']}
+def _options(job: Mapping[str, Any]) -> dict[str, Any]:
+    options = {name: value for name, value in job['options'].items() if name != 'bounds'}
+    return {'topic': job['topic'], 'joint_names': job['joints'], **options}
 
 
 def _problem(error: Exception) -> dict[str, Any]:

@@ -77,7 +77,8 @@ def test_a_reference_by_hand_stands_beside_the_result(there, tmp_path, run):
     assert status == 0
     assert f'{tmp_path / "hand.yaml"}: not physical: P1 = -0.0022 is not positive' in err
     rows = [row.split() for row in Page((tmp_path / 'out' / 'report.html').read_text()).rows]
-    beside = {row[0]: float(row[-1].replace('−', '-')) for row in rows if 'to' in row[:-1] and row[0][0] in 'Pb'}
+    after = {row[0]: row[row.index('to') + 2] for row in rows if 'to' in row and row[0][0] in 'Pb'}
+    beside = {name: float(text.replace('−', '-')) for name, text in after.items()}
     assert beside == {'P1': -0.0022, **dict.fromkeys(('P2', 'P3', 'P4', 'P5', 'b1', 'b2'), 4e-4)}
 
 

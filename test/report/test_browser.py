@@ -167,10 +167,11 @@ def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(op
     page = opened(real, color_scheme='dark')
     pdf = page.pdf(prefer_css_page_size=True)
     assert 1 <= len(re.findall(rb'/Type\s*/Page\b', pdf)) <= 4
+    figures = page.locator('[data-name=simulation] img, [data-name=recordings] img').all()
+    assert not any(each.is_visible() for each in figures), 'plots stand in their place'
     page.emulate_media(media='print')
     assert page.evaluate(BRIGHTNESS, ['body', 'backgroundColor']) > 240
     assert not any(each.is_visible() for each in page.locator('button, summary, .controls').all())
-    figures = page.locator('[data-name=simulation] img, [data-name=recordings] img').all()
     assert len(figures) == 2
     assert all(each.is_visible() for each in figures)
 

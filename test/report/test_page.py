@@ -22,7 +22,7 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.report import rig
-from pendubot_identification.report.page import failure_page, result_page, write_failure, write_report
+from pendubot_identification.report.page import result_page, write_failure, write_report
 from pendubot_identification.report.plots import Timeline, draw_correlation, plot_recordings, plot_simulation
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results.assemble import assemble_result
@@ -264,7 +264,7 @@ def test_warnings_stand_at_the_top_in_words():
     assert all(html.escape(warning) in text for warning in others)
 
 
-def test_what_a_user_named_is_no_markup():
+def test_what_a_user_named_is_no_markup(tmp_path):
     result = plain()
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
@@ -272,7 +272,9 @@ def test_what_a_user_named_is_no_markup():
     assert text.count('<script') == 2, "the page's own"
     named = plot_recordings([motion(name='</script><iframe>'), motion(name='b')], [])
     assert 'iframe' not in Page(result_page(typed(result), named)).tags
-    assert 'script' not in Page(failure_page('<script>', ['<script>'])).tags
+    with OutputFolder(tmp_path / 'failed') as folder:
+        page = write_failure(folder, '<script>', ['<script>'], None).read_text()
+    assert 'script' not in Page(page).tags
 
 
 def test_doubts_and_correlations_stand_beside_their_parameter():

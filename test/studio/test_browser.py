@@ -4,8 +4,6 @@
 """The studio in a real browser, by mouse alone: from a dropped file to a result; stop; the running rig; a telephone."""
 
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +67,7 @@ def choose(page, label, value):
     page.get_by_label(label, exact=True).select_option(value)
 
 
-def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(opened, tmp_path):
+def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(opened):
     motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
     names = 'Messzeit', 'Phi A', 'Phi B', 'Antrieb'
     text = csv(motion, ';', ',', names, lambda q: np.degrees(q - HANGING))
@@ -104,14 +102,10 @@ def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(op
     found = yaml.safe_load(Path(download.value.path()).read_text())['parameters']
     for name in ('P1', 'P2', 'P4', 'P5', 'b1'):
         assert found[name]['value'] == pytest.approx(getattr(PAPER, name), rel=0.01)
-    (tmp_path / 'Messung.csv').write_text(text)
     words = shlex.split(page.locator('.command code div').first.inner_text())
-    assert {'--criterion=weak', '--decimal', '--degrees'} <= {*words}
-    subprocess.run([sys.executable, '-m', 'pendubot_identification.cli.main', *words[1:]], cwd=tmp_path, check=True)
-    again = yaml.safe_load((tmp_path / 'report' / 'result.yaml').read_text())['parameters']
-    assert {name: each['value'] for name, each in again.items()} == {
-        name: each['value'] for name, each in found.items()
-    }
+    assert {'--criterion=weak', '--decimal', '--degrees'} <= {*words}, (
+        'of which test_server shows that they do the same'
+    )
 
 
 def accessible(page):
@@ -139,7 +133,7 @@ def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
     page = opened(slow)
     sample(page)
     page.get_by_text('by differential evolution').click()
-    page.get_by_text('Hold, delay, length of link 1, seed').click()
+    page.get_by_text('Hold, delay, length of link 1, bounds, seed').click()
     page.get_by_label('Spread', exact=True).fill('0')
     click(page, 'Continue')
     (worker,) = slow.workers()

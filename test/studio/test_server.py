@@ -87,7 +87,14 @@ def test_files_are_private_and_are_deleted_with_their_page_and_with_the_program(
 
 def test_the_command_gives_the_same_result(page, motion, tmp_path):
     """So are the files for other programs, and those of pendubot export; the page of the result is sandboxed."""
-    columns = {'columns': 't=Zeit, [ms],q1=a', 'time_unit': 'ms', 'negate': 'q2', 'delay': '-0.01:0.02', **QUICK}
+    columns = {
+        'columns': 't=Zeit, [ms],q1=a',
+        'time_unit': 'ms',
+        'negate': 'q2',
+        'delay': '-0.01:0.02',
+        'bounds': 'b2=0,P1=0:0.5',
+        **QUICK,
+    }
     text = csv(motion, names=('"Zeit, [ms]"', 'a', 'q2', 'tau1'), convert=lambda q: q * (1, -1))
     rows = text.splitlines()
     text = '\n'.join(
@@ -254,13 +261,15 @@ def test_an_option_or_a_recording_that_there_is_not_is_refused(page):
         assert 'there is no option' in answer.read().decode()
     assert page.post('check', '/etc/passwd').status == 400
     assert 'is expected' in page.do('check', 'paper_experiment', gear='x')['problem']['sentence']
+    assert 'is expected' in page.do('identify', 'paper_experiment', bounds='b2')['problem']['sentence']
+    assert page.do('describe', 'paper_experiment', criterion='weak', bounds='b2=0')['done'], 'of reading there is none'
 
 
 @pytest.mark.ros
 def test_the_running_rig_is_relayed_by_a_program_that_only_listens(studio, ros):
     with Program(Path(__file__).with_name('publisher.py')):
         answer = studio.request('GET', 'live')
-        while 'q' not in (line := json.loads(answer.readline())) or not line['parameters']:
+        while 'q' not in (line := json.loads(answer.readline())) or not (line['parameters'] and line['level']):
             pass
         assert line['q'][1] == 0.5
         assert abs(line['q'][0]) <= 1
