@@ -195,7 +195,7 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
         bag.write(bag.add_topic('/effort', 'std_msgs/msg/Float64'), FLOAT + bytes(8), START)
     others = r'; name one of its topics: /effort \[std_msgs/msg/Float64\]'
     for name, topic, sentence in (
-        ('empty', TOPIC, 'holds no message'),
+        ('empty', TOPIC, 'it is empty: record again'),
         *(('bag', each, f'holds no sensor_msgs/msg/JointState on {each}{others}') for each in (TOPIC, '/effort')),
     ):
         with pytest.raises(BagError, match=sentence):
