@@ -2,12 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import hashlib
-import os
 import shutil
-import tempfile
 from dataclasses import replace
 from itertools import chain
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -217,21 +214,3 @@ def test_unusable_samples_are_one_sentence(tmp_path, changed, error, sentence):
     path = write(tmp_path / 'bag', samples(100, **changed))
     with pytest.raises(error, match=sentence):
         read_trajectory(path)
-
-
-@pytest.mark.parametrize('closed', ['.', 'bag'])
-def test_a_bag_without_permission_is_one_sentence(closed):
-    """Root reads everything, so another user tries, who cannot enter the folders of pytest."""
-    with tempfile.TemporaryDirectory() as folder:
-        os.chmod(folder, 0o755)
-        path = write(Path(folder) / 'bag', samples(1))
-        os.chmod(path, 0o755)
-        os.chmod(Path(folder) / closed, 0)
-        user = os.geteuid()
-        try:
-            os.seteuid(user or 65534)
-            with pytest.raises(BagError, match=r'bag cannot be read: Permission denied; check the permissions'):
-                BagReader(path)
-        finally:
-            os.seteuid(user)
-            os.chmod(Path(folder) / closed, 0o755)
