@@ -189,7 +189,11 @@ def joint_samples(
             that is needed is damaged.
         OtherClockError: at the end, if messages outside of the margin may belong to the window.
     """
-    _require(reader, topic)
+    there = {name: kind for name, (kind, count) in reader.topics.items() if count}
+    if there.get(topic) != JOINT_STATE:
+        named = ', '.join(f'{name} [{kind}]' for name, kind in there.items())
+        what = f'name one of its topics: {named}' if named else 'it is empty: record again while something is published'
+        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; {what}')
     low, high = (round(min(bound * 1e9, FOREVER_NS)) for bound in (window.start or 0.0, window.end or math.inf))
     first = next(iter(next(reader.messages([topic]))))
     first_ns = stamp_of(decode_joint_state(first.data))
@@ -307,16 +311,6 @@ def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -
         str(window),
         str(BagWindow(window.path, window.start, start + SETTINGS.first_window)),
     )
-
-
-def _require(reader: BagReader, topic: str) -> None:
-    """Raise BagError for a topic without messages, or of another type."""
-    there = {name: kind for name, (kind, count) in reader.topics.items() if count}
-    if not there:
-        raise BagError(f'{reader.path} holds no message; record again while something is published')
-    if there.get(topic) != JOINT_STATE:
-        named = ', '.join(f'{name} [{kind}]' for name, kind in there.items())
-        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; name one of its topics: {named}')
 
 
 @cache

@@ -49,10 +49,7 @@ def load_datasets(
     without windows are all for training.
 
     Raises:
-        BagError: a bag that is missing or unreadable, or lacks the topic, the joints or their effort.
-        TableError: a file with columns that is missing or unreadable, or lacks one.
-        TrajectoryError: a window that is empty or too short, or invalid samples.
-        LongRecordingError: a recording that is too long to be read at once.
+        PendubotError: as :func:`.bag_reader.read_trajectory`.
     """
     conversion = conversion or Conversion()
     opened = cache(partial(open_recording, conversion=conversion))

@@ -148,30 +148,28 @@ class TableReader:
     def motion(self) -> Trajectory:
         """The complete motion, t from the first sample. May raise TableError."""
         conversion = self.conversion
-        values = {name: self._numbers(column) for name, column in self.taken.items()}
-        complete = np.isfinite(np.column_stack(list(values.values()))).all(axis=1)
-        if not complete.any():
+        given = {name: self._numbers(column) for name, column in self.taken.items()}
+        rows = np.flatnonzero(np.isfinite(np.column_stack(list(given.values()))).all(axis=1))
+        if not rows.size:
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
-        values = {name: numbers[complete] for name, numbers in values.items()}
-        if conversion.torque_constant:
-            values['tau1'] = values['tau1'] * self._amperes(self.taken['tau1'])
-        t = values['t'] * conversion.seconds
+        t = given['t'][rows] * conversion.seconds
         if t[0] > SETTINGS.since_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time
-        rows, repeated = np.flatnonzero(complete), np.append(False, np.diff(t) == 0)
+        repeated = np.append(False, np.diff(t) == 0)
         if 0 < repeated.sum() <= SETTINGS.most_repeated * len(t):
             self.note = f'{self.path}: {repeated.sum()} of {len(t)} rows repeat the time before; they were left out'
             rows, t = rows[~repeated], t[~repeated]
-            values = {name: numbers[~repeated] for name, numbers in values.items()}
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
-            before, time = values['t'][wrong[0] : wrong[0] + 2]
+            before, time = given['t'][rows[wrong[0] : wrong[0] + 2]]
             raise TableError(
                 f'{self._where(rows[wrong[0] + 1])}: the time {time:.12g} '
                 f'{"repeats" if time == before else "runs back"}, after {before:.12g}; every row needs a later one: '
                 'export more digits, or correct or remove that row'
             )
-        zeros = np.zeros_like(t)
+        values, zeros = {name: numbers[rows] for name, numbers in given.items()}, np.zeros_like(t)
+        if conversion.torque_constant:
+            values['tau1'] *= self._amperes(self.taken['tau1'])
         q, tau = (np.column_stack([values[a], values.get(b, zeros)]) for a, b in (('q1', 'q2'), ('tau1', 'tau2')))
         qd = np.column_stack([values[name] for name in OPTIONAL[1:]]) if {'dq1', 'dq2'} <= values.keys() else None
         motion = conversion.motion(t - t[0], q, tau, qd, str(self.path))

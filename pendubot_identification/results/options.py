@@ -28,8 +28,7 @@ def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Set
     """Return the settings of options of identification and conversion by name; None asks for the default.
 
     Raises:
-        ParameterError: there is no such option, or its value is invalid.
-        ResultError: the file of the option start cannot be read.
+        PendubotError: there is no such option, its value is invalid, or the file of start cannot be read.
     """
     given = {name: value for name, value in options.items() if value is not None}
     known = {option.name: option for option in OPTIONS}

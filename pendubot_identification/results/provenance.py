@@ -41,8 +41,7 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
     Returns motions for training and for validation, divided as they were.
 
     Raises:
-        BagError: a bag is missing, or has changed.
-        TrajectoryError: its samples cannot be used.
+        PendubotError: a bag is missing or has changed, or its samples cannot be used.
     """
     found: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
     conversion = Conversion.of(result.reading)

@@ -179,8 +179,6 @@ def parameters(state: State) -> dict[str, Parameter]:
     }
 
 
-def effort_timing(state: State, segment_settings: SegmentSettings) -> EffortTiming:
+def effort_timing(state: State, segment: SegmentSettings) -> EffortTiming:
     """Return hold and delay of the effort."""
-    return EffortTiming(
-        hold=segment_settings.hold, delay=known(state.delay), delay_std_error=known(state.delay_std_error)
-    )
+    return EffortTiming(hold=segment.hold, delay=known(state.delay), delay_std_error=known(state.delay_std_error))

@@ -126,7 +126,8 @@ class Conversion:
             if not value or value == each.default:
                 continue
             if each.name == 'offset':
-                value = {name: _amount_text(name, amount) for name, amount in value.items()}
+                angles = {name: math.degrees(amount) for name, amount in value.items() if name.startswith('q')}
+                value = {name: f'{angles[name]:.9g}deg' if name in angles else f'{x:.9g}' for name, x in value.items()}
             if isinstance(value, Mapping):
                 value = tuple(f'{name}={text}' for name, text in value.items())
             if isinstance(value, tuple):
@@ -267,7 +268,3 @@ def _amount(name: str, text: str) -> float:
     if not math.isfinite(amount):
         raise ParameterError(f'--offset {name}={text} is not understood; a number is expected, such as q1=5deg')
     return math.radians(amount) if degrees else amount
-
-
-def _amount_text(name: str, amount: float) -> str:
-    return f'{math.degrees(amount):.9g}deg' if name.startswith('q') else f'{amount:.9g}'

@@ -35,7 +35,9 @@ def data_checks(recordings: Sequence[Trajectory]) -> list[str]:
 
 
 def _missing(motion: Trajectory) -> list[str]:
-    lost = motion.lost
+    steps = np.diff(motion.t) / motion.interval
+    # Timestamp jitter alone does not count.
+    lost = int(min(np.rint(steps[steps > 1.9] - 1).sum(), max(np.rint(steps.sum()) - len(steps), 0)))
     if lost <= SETTINGS.missing * len(motion):
         return []
     return [

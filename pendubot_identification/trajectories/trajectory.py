@@ -73,12 +73,6 @@ class Trajectory:
         """The median sampling interval [s]."""
         return float(np.median(np.diff(self.t)))
 
-    @property
-    def lost(self) -> int:
-        """The estimated number of missing samples; timestamp jitter alone does not count."""
-        steps = np.diff(self.t) / self.interval
-        return int(min(np.rint(steps[steps > 1.9] - 1).sum(), max(np.rint(steps.sum()) - len(steps), 0)))
-
     def window(self, start: float, end: float) -> Trajectory:
         """Return the samples with start <= t - t[0] < end, in seconds from the first sample."""
         elapsed = self.t - self.t[0]
