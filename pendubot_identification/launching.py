@@ -9,7 +9,6 @@ and looks for all programs before it returns the nodes to start.
 
 from __future__ import annotations
 
-import math
 import os
 import runpy
 import signal
@@ -25,7 +24,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.nodes.shutdown import LAUNCH
 from pendubot_identification.resources import NAME, resource
-from pendubot_identification.setting import meant
+from pendubot_identification.setting import Setting, meant
 
 #: The variable for the machines among which ROS programs find each other, and its values here.
 RANGE, RANGES = 'ROS_AUTOMATIC_DISCOVERY_RANGE', ('LOCALHOST', 'SUBNET', 'SYSTEM_DEFAULT')
@@ -42,13 +41,6 @@ COMMON = {
 }
 #: Arguments of the launch library itself, which no file declares.
 LIBRARY = ('launch-prefix', 'launch-prefix-filter', 'emulate_tty', 'sigterm_timeout', 'sigkill_timeout')
-#: By the type of an argument: the expected text.
-EXPECTED = {
-    bool: 'true or false',
-    int: 'a whole number',
-    float: 'a number',
-    list: "a text, or a list of texts such as \"['a', 'b']\",",
-}
 #: The programs that only show the rig share one enclave of config/sros2_policy.xml; each other one of ours has its own.
 VIEWERS = ('robot_state_publisher', 'rviz2', 'plotjuggler')
 #: Absolute names of topics in programs of other packages, which two rigs would share.
@@ -221,14 +213,13 @@ def _terminate(*_: Any) -> None:
 
 def _value(name: str, text: str, default: Any) -> Any:
     """Return the value of an argument, of the type of its default."""
-    kind = type(default)
-    with suppress(KeyError, ValueError, yaml.YAMLError):
-        if kind is bool:
-            return {'true': True, '1': True, 'false': False, '0': False}[text.lower()]
-        if kind is list:
-            listed = yaml.safe_load(text) if text.startswith('[') else [text]
-            if all(isinstance(each, str) for each in listed):
-                return listed or ['']  # ROS has no list without elements
-        elif kind is not float or math.isfinite(float(text)):
-            return kind(text)
-    raise ParameterError(f'{name} is {text}; {EXPECTED[kind]} is expected')
+    if not isinstance(default, list):
+        setting = Setting(name, default, '')
+        value = setting.parse(text)
+        setting.check(value)
+        return value
+    with suppress(yaml.YAMLError):
+        listed = yaml.safe_load(text) if text.startswith('[') else [text]
+        if all(isinstance(each, str) for each in listed):
+            return listed or ['']  # ROS has no list without elements
+    raise ParameterError(f"{name} is {text}; a text, or a list of texts such as \"['a', 'b']\", is expected")

@@ -124,10 +124,10 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
 @pytest.mark.parametrize(
     ('name', 'arguments', 'missing', 'said'),
     [
-        ('rig', {'amplitude': 'nan'}, None, 'amplitude is nan; a number is expected'),
+        ('rig', {'amplitude': 'nan'}, None, 'amplitude is nan; a number with a decimal point is expected'),
         ('rig', {'seed': '1.5'}, None, 'seed is 1.5; a whole number is expected'),
-        ('rig', {'arm': ''}, None, 'arm is ; true or false is expected'),
-        ('rig', {'l1': 'abc'}, None, 'l1 is abc; a number is expected'),
+        ('rig', {'arm': ''}, None, 'arm is empty; true or false is expected'),
+        ('rig', {'l1': 'abc'}, None, 'l1 is abc; a number with a decimal point is expected'),
         ('rig', {'discovery': 'MOON'}, None, 'discovery is MOON; one of LOCALHOST, SUBNET, SYSTEM_DEFAULT is expected'),
         ('rig', {'bridge': '/no.yaml'}, None, 'bridge is /no.yaml, and there is no such file; name a'),
         ('rig', {'excitation': '/'}, None, 'there is no such file; name a parameter file of exciter'),
@@ -241,7 +241,7 @@ def test_the_view_describes_the_rig_and_shows_it_where_wanted(tmp_path):
     given = {name: {'value': value} for name, value in asdict(BALANCE).items()}
     (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': given}))
     assert described(parameters=str(tmp_path / 'rig.yaml')) == export(read_result(tmp_path / 'rig.yaml'), 'urdf')[0]
-    started = launch('view', rviz='true', plotjuggler='1')
+    started = launch('view', rviz='true', plotjuggler='true')
     assert tuple(started) == OTHERS
     assert all(Path(started[name].arguments[1]).is_file() for name in OTHERS[1:])
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from pendubot_identification.link.protocol import Arm, Command, Hello, Status, encode
 from test.processes import Program, parameters, spin_until
-from test.rig import ARMED
+from test.rig import ARMED, PATIENT
 
 from .bridge import drive, live_rig, newest
 from .table import Trial
@@ -214,7 +214,7 @@ def stuck(folder, _):
     """The shoulder's encoder stands still under a torque that moves the shoulder, gently enough for the elbow."""
     with live_rig(folder, '--fault', 'stuck_at=0', '--limit', 'stall_torque=300000') as rig:
         rig.start_board()
-        rig.start_bridge()
+        rig.start_bridge(*PATIENT)
         rig.until_samples(20)
         drive(rig, 0.35)
         begun = int(np.flatnonzero(rig.trace()[:, 3])[0])
@@ -234,7 +234,7 @@ def runaway(folder, _):
         (place := folder / f'{name}{len(limits)}{len(parameters_)}').mkdir()
         with live_rig(place, *limits) as rig:
             rig.start_board()
-            rig.start_bridge(*parameters_)
+            rig.start_bridge(*PATIENT, *parameters_)
             rig.until_samples(20)
             assert rig.call('arm').success
             rig.drive_until(0.6, lambda: rig.diagnosed(2, 'fault'))
@@ -255,9 +255,9 @@ def runaway(folder, _):
 
 def restart(folder, _):
     """The board restarts while the rig moves; the zeros have to be confirmed at rest."""
-    with live_rig(folder, '--fault', 'reset_at=4') as rig:
+    with live_rig(folder, '--fault', 'reset_at=8') as rig:
         rig.start_board()
-        rig.start_bridge('confirm_zeros:=true')
+        rig.start_bridge(*PATIENT, 'confirm_zeros:=true')
         rig.until_samples(1200)
         assert not rig.call('arm').success
         confirmed = rig.call('confirm_zeros')

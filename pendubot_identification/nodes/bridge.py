@@ -10,12 +10,11 @@ import math
 import secrets
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
 from typing import Any
 
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
@@ -136,19 +135,17 @@ class Bridge(ManagedNode):
         if not s['port']:
             raise ParameterError('port is empty; set it to a path or a pyserial URL')
 
-    def _allow(self, changed: Sequence[Parameter]) -> None:
+    def _allow(self, s: dict[str, Any]) -> None:
         """Refuse a larger torque limit while the motor is armed."""
-        limits = [parameter.value for parameter in changed if parameter.name == 'torque_limit']
-        if self.opened and self._host.armed and any(limit > self._host.torque_limit for limit in limits):
+        if self.opened and self._host.armed and s['torque_limit'] > self._host.torque_limit:
             raise ParameterError(
                 f'torque_limit is {self._host.torque_limit:g} N m, and is not raised while the motor is armed; call '
                 '~/disarm first'
             )
 
-    def _change(self, changed: Sequence[Parameter]) -> None:
-        for parameter in changed:
-            if self.opened and parameter.name == 'torque_limit':
-                self._step(partial(self._host.set_torque_limit, parameter.value))
+    def _change(self, s: dict[str, Any]) -> None:
+        if self.opened:
+            self._step(partial(self._host.set_torque_limit, s['torque_limit']))
 
     def _deactivate(self) -> None:
         """Disarm; while it is inactive nothing is armed and no joint states are published."""

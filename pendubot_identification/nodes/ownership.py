@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Sequence
 
@@ -104,13 +105,11 @@ class Driver:
         return self.disarm.call_async(Trigger.Request())
 
     def let_go_and_wait(self) -> None:
-        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered or is gone."""
-        answer, deadline = self.let_go(), time.monotonic() + 1.0
-        while not answer.done():
-            if not self.disarm.service_is_ready() or time.monotonic() > deadline:
-                self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
-                return
-            time.sleep(0.02)
+        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        answered = threading.Event()
+        self.let_go().add_done_callback(lambda _: answered.set())
+        if not answered.wait(1.0):
+            self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
 
     def rivals(self) -> str:
         """Return a sentence that names the publishers of commands if another program is one, else ''."""

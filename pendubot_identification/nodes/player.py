@@ -16,7 +16,6 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from pendubot_identification.errors import BagError, ParameterError
@@ -31,7 +30,7 @@ from pendubot_identification.setting import Setting
 
 from .messages import joint_sample
 from .runtime import SettingsNode, run
-from .topics import as_recorded, message_class
+from .topics import message_class, weakest
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
@@ -77,20 +76,19 @@ class Ghost:
 
 
 class Player(SettingsNode):
-    """A thread publishes when a message is due, the executor the clock."""
+    """A thread publishes when a message is due."""
 
     PROGRAM = 'player'
     SUMMARY = (
         "Publishes a bag's messages byte for byte, with the quality of service and at the pace at which they were "
-        'recorded, on their topics or, in a namespace, on these topics within it; then it ends. With a clock, nodes '
-        'with use_sim_time see the time of the recording. Effort commands (std_msgs/Float64) would move an armed rig: '
-        'they are played only where topics names them. ros2 bag play does more, where there is one.'
+        'recorded, on their topics or, in a namespace, on these topics within it; then it ends. Effort commands '
+        '(std_msgs/Float64) would move an armed rig: they are played only where topics names them. ros2 bag play does '
+        'more, where there is one.'
     )
     SETTINGS = (
         Setting('bag', '', 'the bag, BAG or BAG@START:END in seconds from its first message: a folder or .mcap file'),
         Setting('topics', [''], 'the topics to play; one empty name: all but effort commands'),
         Setting('rate', 1.0, 'how many times as fast as recorded', '', 0.001, 1000.0),
-        Setting('clock', 0.0, "how often the recording's time is published on /clock; 0: not", 'Hz', 0.0, 1000.0),
         Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
         Setting('ghost', '', 'result file, whose rig is simulated beside the bag on ghost/joint_states; empty: none'),
     )
@@ -113,11 +111,7 @@ class Player(SettingsNode):
         }
         self._ghost = Ghost(self, Path(s['ghost'])) if s['ghost'] else None
         self._joint_states = self.resolve_topic_name('joint_states')
-        self._begun_ns = 0
         self._failure: Exception | None = None
-        if s['clock']:
-            self._times = self.create_publisher(Clock, '/clock', 10)
-            self.create_timer(1 / s['clock'], self._tick)
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()
 
@@ -161,7 +155,7 @@ class Player(SettingsNode):
         """Return the quality of service of a topic of the bag."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
         texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
-        return as_recorded([profile for text in texts for profile in offered_profiles(text)], DEPTH)
+        return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
 
     def _play(self) -> None:
         try:
@@ -184,7 +178,8 @@ class Player(SettingsNode):
         count = 0
         for messages in file.messages(self._publishers_of, self._first_ns, self._end_ns):
             for message in messages:
-                if self.ended.wait((message.log_time - self._position()) / self._rate / SECOND):
+                due_ns = self._begun_ns + (message.log_time - self._first_ns) / self._rate
+                if self.ended.wait((due_ns - time.monotonic_ns()) / SECOND):
                     return count
                 publisher = self._publishers_of[file.channels[message.channel_id].topic]
                 publisher.publish(message.data)
@@ -192,16 +187,6 @@ class Player(SettingsNode):
                     self._ghost.follow(message.data)
                 count += 1
         return count
-
-    def _position(self) -> int:
-        """Return the recording's time [ns]."""
-        since = time.monotonic_ns() - self._begun_ns if self._begun_ns else 0
-        return self._first_ns + round(since * self._rate)
-
-    def _tick(self) -> None:
-        now = Clock()
-        now.clock.sec, now.clock.nanosec = divmod(min(self._position(), self._end_ns), SECOND)
-        self._times.publish(now)
 
 
 main = partial(run, Player)

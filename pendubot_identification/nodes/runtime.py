@@ -96,7 +96,7 @@ class SettingsNode(Node):
         self._refuse_senseless(self.settings())
         self.add_pre_set_parameters_callback(lambda changed: [self._as_number(p) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
-        self.add_post_set_parameters_callback(self._change)
+        self.add_post_set_parameters_callback(lambda _: self._change(self.settings()))
 
     def start(self) -> None:
         """Open the node."""
@@ -120,11 +120,11 @@ class SettingsNode(Node):
     def _check(self, s: dict[str, Any]) -> None:
         """Refuse settings that make no sense together, by ParameterError."""
 
-    def _allow(self, changed: Sequence[Parameter]) -> None:
-        """Refuse changes of parameters at this moment, by ParameterError."""
+    def _allow(self, s: dict[str, Any]) -> None:
+        """Refuse a change to these settings at this moment, by ParameterError."""
 
-    def _change(self, changed: Sequence[Parameter]) -> None:
-        """Apply changes of parameters."""
+    def _change(self, s: dict[str, Any]) -> None:
+        """Apply changed settings."""
 
     def _open(self, s: dict[str, Any]) -> None:
         """Open ports, files, topics and services by the settings."""
@@ -208,8 +208,9 @@ class SettingsNode(Node):
 
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
         try:
-            self._refuse_senseless(self.settings(changed))
-            self._allow(changed)
+            s = self.settings(changed)
+            self._refuse_senseless(s)
+            self._allow(s)
         except PendubotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -143,7 +143,6 @@ def _report(event: str) -> None:
 def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
     """Make the board a ROS node, too, whose parameter is the payload."""
     import rclpy
-    from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
 
     from .runtime import SettingsNode, running
@@ -154,11 +153,9 @@ def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
         def _open(self, s: dict[str, Any]) -> None:
             board.carry(s['payload'])
 
-        def _change(self, changed: Sequence[Parameter]) -> None:
-            for parameter in changed:
-                if parameter.name == PAYLOAD.name:
-                    board.carry(parameter.value)
-                    self.get_logger().info(f'link 2 carries {parameter.value:g} kg')
+        def _change(self, s: dict[str, Any]) -> None:
+            board.carry(s['payload'])
+            self.get_logger().info(f'link 2 carries {s["payload"]:g} kg')
 
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     try:

@@ -13,7 +13,7 @@ import time
 
 import pytest
 
-from pendubot_identification.cli.processes import Programs
+from pendubot_identification.cli.demo import Programs
 from pendubot_identification.errors import PendubotError
 from test.processes import Program
 
@@ -28,7 +28,7 @@ ELSEWHERE = {
 #: Takes a domain, and says whether an exported one might have been taken, the one of ROS, and all of its variables.
 OWN = """
 import json, os, random, sys
-from pendubot_identification.cli.processes import own_ros
+from pendubot_identification.cli.demo import own_ros
 offered = []
 random.choice = lambda domains: offered.extend(domains) or int(sys.argv[1])
 with own_ros() as (rclpy, domain):

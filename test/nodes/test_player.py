@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
-from rosbags.interfaces import QosDurability, QosLiveliness, QosTime
-from rosgraph_msgs.msg import Clock
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosbags.interfaces import QosDurability
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
@@ -29,14 +28,7 @@ MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
 TEXT = bytes([0, 1, 0, 0, 4, 0, 0, 0]) + b'abc\0'  #: A std_msgs/String.
 COMMAND = '/pendubot/effort_command'
-LATCHED = RELIABLE._replace(
-    durability=QosDurability.TRANSIENT_LOCAL,
-    depth=1,
-    deadline=QosTime(7, 5),
-    lifespan=QosTime(3600, 0),
-    liveliness=QosLiveliness.MANUAL_BY_TOPIC,
-    liveliness_lease_duration=QosTime(60, 0),
-)
+LATCHED = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL, depth=1)
 
 
 @pytest.fixture
@@ -74,32 +66,24 @@ def test_everything_is_published_as_it_was_recorded(bag, node):
     heard = {topic: subscribe(node, topic) for topic in ('/states', '/latched')}
     with player(bag) as program:
         assert spin_until(node, lambda: sum(map(len, heard.values())) == 401, 20.0)
-        (offered,) = (each.qos_profile for each in node.get_publishers_info_by_topic('/latched'))
         assert program.process.wait(10) == 0
         program.wait_for('401 messages played')
-    assert offered.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
-    durations = offered.deadline, offered.lifespan, offered.liveliness_lease_duration
-    assert [each.nanoseconds for each in durations] == [7 * 10**9 + 5, 3600 * 10**9, 60 * 10**9]
     sent = by_mcap(bag)
     for topic, came in heard.items():
         assert came == [data for t, _, data in sent if t == topic]
 
 
-def test_a_part_of_an_unclosed_bag_is_played_by_the_recordings_clock_as_far_as_it_is_whole(bag, node):
+def test_a_part_of_an_unclosed_bag_is_played_as_far_as_it_is_whole(bag, node):
     file = bag / 'bag_1.mcap'
     file.write_bytes(file.read_bytes()[:-3000])
-    clock, heard = [], subscribe(node, '/states')
-    node.create_subscription(Clock, '/clock', lambda m: clock.append(m.clock.sec * 1000 * MS + m.clock.nanosec), 1000)
-    with player(f'{bag}@0.1:0.39', clock=100.0, rate=0.2, topics='[/states]') as program:
+    heard = subscribe(node, '/states')
+    with player(f'{bag}@0.1:0.39', topics='[/states]') as program:
         program.wait_for('was never closed, or is truncated or damaged')
         assert spin_until(node, lambda: program.process.poll() is not None, 20.0)
         assert program.process.returncode == 0
     spin_until(node, lambda: False, 0.2)
     assert len(heard) > 100
     assert [int(decode_joint_state(data).position[0]) for data in heard] == list(range(100, 100 + len(heard)))
-    assert clock == sorted(clock)
-    assert START + 99 * MS <= clock[0] < clock[-1] <= START + 400 * MS
-    assert len(set(clock)) > 10
 
 
 def test_the_pace_is_the_recordings_and_a_late_subscriber_hears_what_is_latched(bag, node):

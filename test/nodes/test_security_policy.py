@@ -67,7 +67,7 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
     values = {
         'bridge': {'port': tmp_path / 'board'},
         'recorder': {'output': tmp_path / 'bag', 'topics': f'[joint_states, {EFFORT}, /pendubot/joint_commands]'},
-        'player': {'bag': ROOT / 'bags/paper_experiment', 'topics': '[joint_states]', 'rate': 0.01, 'clock': 1.0},
+        'player': {'bag': ROOT / 'bags/paper_experiment', 'topics': '[joint_states]', 'rate': 0.01},
     }
     values['player']['ghost'] = written(tmp_path / 'rig.yaml', PAPER)
 
