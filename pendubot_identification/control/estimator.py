@@ -9,7 +9,7 @@ lag behind, and it predicts over the loop's dead time at any speed.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -31,7 +31,7 @@ class MonitorSettings:
 
     same_torque: float = 2e-6  #: Torques [N m] that differ by less are equal: the board counts in micro-N m.
     longest_transport: int = 10  #: Largest delay of a command [samples].
-    transport_samples: int = 40  #: A delay is accepted if of so many unambiguous samples ...
+    transport_samples: int = 40  #: A delay is accepted if of the last unambiguous samples, so many, ...
     transport_share: float = 0.8  #: ... this fraction shows it.
     disobedience: float = 0.1  #: The motor does not obey if no commanded torque was applied for this time [s].
 
@@ -112,16 +112,12 @@ class CommandMonitor:
 
     def obeyed(self, effort: float) -> bool:
         """Take the effort of a sample [N m]; return whether commanded torques are applied at all."""
-        matches = [
-            j for j, torque in enumerate(reversed(self._commands), 1) if abs(torque - effort) <= SETTINGS.same_torque
-        ]
+        recent = enumerate(reversed(self._commands), 1)
+        matches = [j for j, torque in recent if abs(torque - effort) <= SETTINGS.same_torque]
         self._unmatched = 0 if matches or not self._commands else self._unmatched + 1
         if len(matches) == 1 and matches[0] <= SETTINGS.longest_transport:
             self._seen.append(matches[0])
-            most = max(set(self._seen), key=self._seen.count)
-            if (
-                len(self._seen) == SETTINGS.transport_samples
-                and self._seen.count(most) >= SETTINGS.transport_share * SETTINGS.transport_samples
-            ):
+            most, times = Counter(self._seen).most_common(1)[0]
+            if times >= SETTINGS.transport_share * SETTINGS.transport_samples:
                 self.transport = most
         return self._unmatched < self._patience
