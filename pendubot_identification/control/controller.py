@@ -78,8 +78,7 @@ class Controller:
         """Go on with other parameters, without a jump of the torque."""
         before = None if self._last is None else self._law(self._ahead())
         self.design = design
-        loop = self._loop
-        self._estimator = Estimator(design.parameters, loop.period, loop.lag, design.L, self._estimator)
+        self._estimator.adopt(design.parameters, design.L)
         if before is not None:
             self._offset += before - self._law(self._ahead())
 

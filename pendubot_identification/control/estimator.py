@@ -9,8 +9,7 @@ lag behind, and it predicts over the loop's dead time at any speed.
 
 from __future__ import annotations
 
-import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
-from pendubot_identification.model.simulation import Plant
+from pendubot_identification.model.simulation import LatePlant
 
 Array = NDArray[np.float64]
 #: q1, q2 [rad], q1', q2' [rad/s].
@@ -32,7 +31,7 @@ class MonitorSettings:
 
     same_torque: float = 2e-6  #: Torques [N m] that differ by less are equal: the board counts in micro-N m.
     longest_transport: int = 10  #: Largest delay of a command [samples].
-    transport_samples: int = 40  #: A delay is accepted if of so many unambiguous samples ...
+    transport_samples: int = 40  #: A delay is accepted if of the last unambiguous samples, so many, ...
     transport_share: float = 0.8  #: ... this fraction shows it.
     disobedience: float = 0.1  #: The motor does not obey if no commanded torque was applied for this time [s].
 
@@ -43,63 +42,50 @@ SETTINGS = MonitorSettings()
 class Estimator:
     """Estimates the state by the Kalman gain ``L`` of the positions' innovation, shape (4, 2).
 
-    Period and lag [s] are those of the loop. ``before``: an estimator with other parameters, whose state it takes over.
+    Period and lag [s] are those of the loop.
     """
 
-    def __init__(
-        self, parameters: Parameters, period: float, lag: float, L: Array, before: Estimator | None = None
-    ) -> None:
-        self._plant = Plant(parameters)
-        self._period = period
-        # The lag as whole periods and the rest.
-        self._whole = math.floor(lag / period + 1e-9)
-        self._part = max(0.0, lag - self._whole * period)
+    def __init__(self, parameters: Parameters, period: float, lag: float, L: Array) -> None:
+        self._plant = LatePlant(parameters, lag)
+        self._period, self._L = period, L.tolist()
+        self._effort: float | None = None  # applied from the last sample on
+
+    def adopt(self, parameters: Parameters, L: Array) -> None:
+        """Go on from the same state with other parameters."""
+        self._plant.become(parameters)
         self._L = L.tolist()
-        self._state: RigState | None = before._state if before else None
-        #: Torques applied, the last one from the last sample on.
-        applied = before._applied if before else [0.0] * (self._whole + 2)
-        self._applied: deque[float] = deque(applied, maxlen=self._whole + 2)
 
     def update(self, q: Pair, effort: float, samples: int = 1) -> None:
         """Take positions [rad] and the torque applied from now on [N m], ``samples`` periods after the last ones."""
-        if self._state is None:
-            self._state = (*q, 0.0, 0.0)
-            self._applied.append(effort)
+        if self._effort is None:
+            self._plant.place(q, (0.0, 0.0))
+            self._effort = effort
             return
-        self._plant.place(self._state[:2], self._state[2:])
         for _ in range(samples):
-            self._move(self._applied[-self._whole - 2], self._part)
-            self._move(self._applied[-self._whole - 1], self._period - self._part)
-            self._applied.append(effort)
-        expected = (*self._plant.q, *self._plant.qd)
+            self._plant.advance((self._effort, 0.0), self._period)
+            self._effort = effort
+        expected = self.state
         r1, r2 = q[0] - expected[0], q[1] - expected[1]
         gain = self._L if samples == 1 else self._gain_after(samples)
         q1, q2, v1, v2 = (x + by1 * r1 + by2 * r2 for x, (by1, by2) in zip(expected, gain, strict=True))
-        self._state = q1, q2, v1, v2
+        self._plant.place((q1, q2), (v1, v2))
 
     @property
     def state(self) -> RigState:
         """The state at the last sample."""
-        assert self._state is not None, 'update() has to come first'
-        return self._state
+        return (*self._plant.q, *self._plant.qd)
 
     def predict(self, pending: Iterable[float] = ()) -> RigState:
         """Return the state when a torque from now begins to act, after the ``pending`` ones [N m], a period each."""
-        self._plant.place(self.state[:2], self.state[2:])
-        self._move(self._applied[-self._whole - 2], self._part)
-        for torque in [*list(self._applied)[-self._whole - 1 :], *pending]:
-            self._move(torque, self._period)
-        return (*self._plant.q, *self._plant.qd)
+        assert self._effort is not None, 'update() has to come first'
+        q, qd = self._plant.ahead([(torque, 0.0) for torque in (self._effort, *pending)], self._period)
+        return (*q, *qd)
 
     def _gain_after(self, samples: int) -> list[list[float]]:
         """Return the gain after lost samples: positions as measured, speeds corrected by at most innovation / time."""
         elapsed = samples * self._period
         bound = min(1.0, 1 / (elapsed * max(abs(value) for row in self._L[2:] for value in row)))
         return [[1.0, 0.0], [0.0, 1.0], *([bound * value for value in row] for row in self._L[2:])]
-
-    def _move(self, torque: float, duration: float) -> None:
-        if duration > 0:
-            self._plant.advance((torque, 0.0), duration)
 
 
 class CommandMonitor:
@@ -126,16 +112,12 @@ class CommandMonitor:
 
     def obeyed(self, effort: float) -> bool:
         """Take the effort of a sample [N m]; return whether commanded torques are applied at all."""
-        matches = [
-            j for j, torque in enumerate(reversed(self._commands), 1) if abs(torque - effort) <= SETTINGS.same_torque
-        ]
+        recent = enumerate(reversed(self._commands), 1)
+        matches = [j for j, torque in recent if abs(torque - effort) <= SETTINGS.same_torque]
         self._unmatched = 0 if matches or not self._commands else self._unmatched + 1
         if len(matches) == 1 and matches[0] <= SETTINGS.longest_transport:
             self._seen.append(matches[0])
-            most = max(set(self._seen), key=self._seen.count)
-            if (
-                len(self._seen) == SETTINGS.transport_samples
-                and self._seen.count(most) >= SETTINGS.transport_share * SETTINGS.transport_samples
-            ):
+            most, times = Counter(self._seen).most_common(1)[0]
+            if times >= SETTINGS.transport_share * SETTINGS.transport_samples:
                 self.transport = most
         return self._unmatched < self._patience

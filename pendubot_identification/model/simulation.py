@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +102,15 @@ class LatePlant(Plant):
             duration -= part
             if left - part > 1e-12:
                 self._waiting.appendleft((then, left - part))
+
+    def ahead(self, torques: Iterable[Pair], duration: float) -> tuple[Pair, Pair]:
+        """Return q and qd when all applied torques, and these [N m] for a duration [s] each, have acted."""
+        here = self._state
+        for tau, left in (*self._waiting, *((tau, duration) for tau in torques)):
+            if left > 1e-12:
+                super().advance(tau, left)
+        q, qd, self._state = self.q, self.qd, here
+        return q, qd
 
 
 def longest_step(parameters: Parameters, torque: float) -> float:
