@@ -9,14 +9,14 @@ A thread could not be stopped: some stages take seconds between two reports of p
 from __future__ import annotations
 
 import os
+import pickle
+import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
-from pickle import UnpicklingError
+from subprocess import PIPE
+from typing import Any
 
 from pendubot_identification.errors import PendubotError, sentence
 from pendubot_identification.identify.estimate import Progress
@@ -97,7 +97,7 @@ class Computation:
     """
 
     def __init__(self) -> None:
-        self._process: SpawnProcess | None = None
+        self._process: subprocess.Popen[bytes] | None = None
         self.stopped = False
 
     def stop(self) -> None:
@@ -108,35 +108,45 @@ class Computation:
 
     def run(self, request: Request, progress: Progress) -> Result:
         """Identify. Raises PendubotError: the identification failed or was stopped."""
-        context = get_context('spawn')
-        answers, end = context.Pipe(duplex=False)
-        process = context.Process(target=_answer, args=(request, end, '--debug' in sys.argv), daemon=True)
-        process.start()
-        end.close()
-        self._process = process
-        if self.stopped:
-            process.kill()
-        try:
-            while isinstance(answer := answers.recv(), tuple):
-                progress(*answer)
-        except (EOFError, OSError, UnpicklingError):
-            process.kill()
-            process.join()
-            answer = f'the process of the identification ended with status {process.exitcode}; look at the system log'
-        process.join()
+        # The same modules as here, whatever the current folder holds.
+        code = f'import sys; sys.path[:] = {sys.path!r}; from {__name__} import main; main()'
+        command = [sys.executable, '-c', code, *(['--debug'] if '--debug' in sys.argv else [])]
+        # In a session of its own, so that a Ctrl-C in the terminal reaches the node alone.
+        with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, start_new_session=True) as process:
+            self._process = process
+            assert process.stdin is not None
+            assert process.stdout is not None
+            if self.stopped:
+                process.kill()
+            try:
+                process.stdin.write(pickle.dumps(request))
+                process.stdin.flush()
+                while isinstance(answer := pickle.load(process.stdout), tuple):
+                    progress(*answer)
+            except (EOFError, OSError, pickle.UnpicklingError):
+                process.kill()
+                answer = f'the process of the identification ended with status {process.wait()}; look at the system log'
         if self.stopped or isinstance(answer, str):
             raise PendubotError('the identification was canceled' if self.stopped else answer)
         return answer
 
 
-def _answer(request: Request, end: Connection, debug: bool) -> None:
-    """Send progress as tuples, then the result, or the sentence of an error."""
-    os.setsid()  # so that a Ctrl-C in the terminal reaches the node alone
+def main() -> None:
+    """Read a request, and write progress as tuples, then the result, or the sentence of an error."""
+    # Whatever is printed must not come between the answers.
+    answers = os.fdopen(os.dup(1), 'wb')
+    os.dup2(2, 1)
+
+    def send(answer: Any) -> None:
+        pickle.dump(answer, answers)
+        answers.flush()
+
+    request = pickle.load(sys.stdin.buffer)
     try:
-        end.send(request.identify(lambda *step: end.send(step)))
+        send(request.identify(lambda *step: send(step)))
     except BrokenPipeError:
-        pass  # the node has ended
+        os._exit(1)  # the node has ended
     except Exception as error:
-        if debug:
+        if '--debug' in sys.argv:
             traceback.print_exception(error)
-        end.send(sentence(error))
+        send(sentence(error))

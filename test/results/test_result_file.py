@@ -28,18 +28,6 @@ from pendubot_identification.results.result_file import (
 from test.identified import SOURCE, identified, made, plain, write
 
 
-def first_numbers(node, found=None):
-    """Return the first number, or value, under each parameter's name in the tree."""
-    found = {} if found is None else found
-    for key, value in node.items() if isinstance(node, dict) else [(None, entry) for entry in node]:
-        number = value.get('value') if isinstance(value, dict) else value
-        if key in NAMES and isinstance(number, float):
-            found.setdefault(key, number)
-        elif isinstance(value, (dict, list)):
-            first_numbers(value, found)
-    return found
-
-
 def test_a_written_result_is_read_back(tmp_path):
     result, path = made(), tmp_path / 'result.yaml'
     path.write_text(result_text(result))
@@ -52,10 +40,9 @@ def test_a_written_result_is_read_back(tmp_path):
 
 
 @pytest.mark.parametrize('model', ['viscous', 'geared'])
-def test_the_selected_parameters_come_first_and_no_others_occur(model):
+def test_the_selected_parameters_come_first(model):
     data = plain(('energy',), model)
     assert tuple(data['parameters']) == tuple(name for name in NAMES[: MODELS[model]] if name != 'k2')
-    assert first_numbers(data) == {name: entry['value'] for name, entry in data['parameters'].items()}
     assert list(data)[:3] == ['schema', 'parameters', 'level']
 
 
