@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -68,7 +67,7 @@ class Balancer(SettingsNode):
         self._worker = threading.Thread()
         self._driver = Driver(self)
         # The newest alone: a torque for an older one would come too late.
-        self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, QoSProfile(depth=1))
+        self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, 1)
         self._identified: list[Subscription] = []
         self._newest: tuple[list[float], float] | None = None  # parameters, and when they came
         self._subscribe_parameters()

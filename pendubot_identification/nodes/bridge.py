@@ -15,7 +15,6 @@ from dataclasses import fields
 from functools import partial
 from typing import Any
 
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -101,7 +100,7 @@ class Bridge(ManagedNode):
         names = [*s['joint_names'], current_name(s['joint_names'][0])]
         # One message for all samples: a new one takes longer than all other work on a sample.
         self._message = JointState(name=names, position=[0.0] * 3, velocity=[0.0] * 3, effort=[0.0] * 3)
-        self._joint_states = self.create_publisher(JointState, 'joint_states', QoSProfile(depth=1000))
+        self._joint_states = self.create_publisher(JointState, 'joint_states', 1000)
         Status(self, self._diagnosis, rig=s['port'])
         self._shoulder = s['joint_names'][0]
         self._commands = (

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -66,10 +65,8 @@ class Exciter(SettingsNode):
         self._armed: bool | None = None
         self._disarmed = 0  # how many reports in a row say that the bridge is not armed
         self._driver = Driver(self)
-        self._joint_states = self.create_subscription(
-            JointState, 'joint_states', self._on_joint_state, QoSProfile(depth=100)
-        )
-        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10))
+        self._joint_states = self.create_subscription(JointState, 'joint_states', self._on_joint_state, 100)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.create_timer(0.1, self._supervise)
 
     def _check(self, s: dict[str, Any]) -> None:

@@ -14,7 +14,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
@@ -23,8 +22,10 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import NAMES
 
+from .topics import quality
+
 #: A subscriber that joins later still receives the last message.
-LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = quality(1, reliable=True, latched=True)
 
 
 def shoulder_effort(m: JointState, shoulder: str) -> float:

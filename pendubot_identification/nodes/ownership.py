@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from std_msgs.msg import Float64
@@ -77,7 +76,7 @@ class Driver:
     def begin(self) -> None:
         """Publish effort commands from now on."""
         if self.publisher is None:
-            self.publisher = self._node.create_publisher(Float64, EFFORT_COMMAND, QoSProfile(depth=1))
+            self.publisher = self._node.create_publisher(Float64, EFFORT_COMMAND, 1)
 
     def is_heard(self) -> bool:
         """Wait, for ``PATIENCE`` at most, until somebody receives the effort commands; return whether they do."""

@@ -50,7 +50,7 @@ class Ghost:
     def __init__(self, node: Node, result: Path) -> None:
         found = read_result(result)
         self._plant = LatePlant(found.theta, max(found.effort.delay, 0.0))
-        self._publisher = node.create_publisher(JointState, 'ghost/joint_states', QoSProfile(depth=1000))
+        self._publisher = node.create_publisher(JointState, 'ghost/joint_states', 1000)
         self._t = self._begun = -math.inf
         self._q, self._effort = HANGING, 0.0
 

@@ -35,7 +35,7 @@ def traces(tmp_path_factory):
             board = Program('virtual_board', '--link', link, '--trace', trace)
             programs.enter_context(board).wait_for('virtual board on')
             # Of two values of a parameter the later one counts.
-            own = parameters(port=link, confirm_zeros='false')[1:]
+            own = parameters(port=link, confirm_zeros='false', link_timeout=2.0, watchdog_ms=500)[1:]
             bridge = Program('bridge', '--ros-args', *options, *own)
             programs.enter_context(bridge).wait_for('counts per turn')
             return lambda: list(csv.DictReader(trace.open()))
