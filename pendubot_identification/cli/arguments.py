@@ -24,10 +24,12 @@ from pendubot_identification.trajectories.conventions import CONVERSION
 
 #: The levels from which on the exit status of ``identify`` is 3.
 FAILING = {'warn': 1, 'error': 2, 'never': 3}
-#: Formats of ``export``, and the earlier names of two of them.
-FORMATS, EARLIER = ('mjcf', 'urdf', 'yaml', 'm', 'h', 'py'), {'matlab': 'm', 'c': 'h'}
+#: Formats of ``export``.
+FORMATS = ('mjcf', 'urdf', 'yaml', 'm', 'h', 'py')
 STATUS = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR'
 WINDOW, RESULT, EXCITER = 'BAG[@START:END]', 'RESULT.yaml', 'EXCITER.yaml'
+JSON, FIGURES = 'print JSON and nothing else', 'add the figures of the report as SVG and PNG'
+REFERENCE = 'parameters shown beside the estimated ones: an earlier result, or by hand'
 
 
 def parser() -> argparse.ArgumentParser:
@@ -59,11 +61,10 @@ def parser() -> argparse.ArgumentParser:
     }.items():
         description, *examples = cleandoc(define.__doc__ or '').split('\n\nExamples:')
         epilog = '\n'.join([*(f'examples:{text}' for text in examples), STATUS])
-        aliases = ['import-csv'] if name == 'import' else []
-        made = subparsers.add_parser(name, aliases=aliases, help=words, description=description, epilog=epilog)
+        made = subparsers.add_parser(name, help=words, description=description, epilog=epilog)
         made.set_defaults(subcommand=name, parser=made)
         define(made)
-    for each in {top, *subparsers.choices.values()}:
+    for each in (top, *subparsers.choices.values()):
         # A default of False in a subcommand would undo a --debug before it.
         each.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help='show tracebacks')
     return top
@@ -109,10 +110,6 @@ def _force(group: Any, what: str = 'an existing file') -> None:
     _switch(group, '--force', f'overwrite {what}')
 
 
-def _json(group: Any) -> None:
-    _switch(group, '--json', 'print JSON and nothing else')
-
-
 def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
     """Add settings as options; the value of an option that is not given is None."""
     for setting in settings:
@@ -132,8 +129,8 @@ def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
         )
 
 
-def _reading(parser: Any, *, joints: bool = False, save: bool = False) -> None:
-    """Add the options by which recordings are read."""
+def _reading(parser: Any, *, joints: bool = False) -> Any:
+    """Add the options by which recordings are read, and return their group."""
     group = parser.add_argument_group('how recordings are read', 'applied in this order, to each recording')
     names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'gear': 'N', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
     _settings(group, *CONVERSION, **names)
@@ -141,14 +138,12 @@ def _reading(parser: Any, *, joints: bool = False, save: bool = False) -> None:
         'take options from a YAML file, one of --save-settings, or a result; options given here override it. It alone '
         f'has {", ".join(option.name for option in EXPERT)} of identify, see config/identifier.yaml'
     )
-    group.add_argument('--settings', '--map', type=Path, metavar='FILE', help=words)
-    if save:
-        words = 'keep the options of this group in a file'
-        group.add_argument('--save-settings', '--save-map', type=Path, metavar='FILE', help=words)
+    _path(group, '--settings', 'FILE', words)
     if joints:
         group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
         words = 'joint names in a bag (default %(default)s)'
         group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
+    return group
 
 
 def _outputs(parser: Any, what: str) -> Any:
@@ -156,29 +151,20 @@ def _outputs(parser: Any, what: str) -> Any:
     group = parser.add_argument_group('output')
     _path(group, '--output', RESULT, f'write {what} here')
     _path(group, '--report', 'DIR', 'write a page with figures, report.html, and the result there')
-    _figures(group)
+    _switch(group, '--figures', FIGURES)
     _force(group, 'an existing result or report')
-    _json(group)
+    _switch(group, '--json', JSON)
     return group
-
-
-def _figures(group: Any) -> None:
-    _switch(group, '--figures', 'add the figures of the report as SVG and PNG')
-
-
-def _reference(group: Any) -> None:
-    _path(group, '--reference', RESULT, 'parameters shown beside the estimated ones: an earlier result, or by hand')
 
 
 def _identify(parser: Any) -> None:
     """Estimate the parameters of a rig from its recordings and write them to a result file.
 
-    BAG is the folder of a bag or its .mcap file, also of one that was never closed, or a file with columns: .csv, .mat,
-    .xlsx or .parquet (see pendubot import --help). @START:END selects a window, in seconds from the first sample. Of
-    one bag without a window the first half estimates and the second validates, as in the paper. With a window, the rest
-    of the bag validates, except parts shorter than a second. Several bags without windows all estimate, and each is
-    predicted from the others. A window is at most ten minutes long, or three minutes with more than 200 000 samples;
-    for a longer recording, the message names its informative windows. Of a longer rest, the first minute validates.
+    BAG is a bag, closed or not, or a file with columns (see pendubot import --help). @START:END selects seconds from
+    the first sample. Of one bag without a window the first half estimates and the second validates, as in the paper.
+    With a window, the rest of the bag validates, except parts shorter than a second. Several bags without windows all
+    estimate, and each is predicted from the others. A window lasts at most ten minutes, or three minutes with more than
+    200 000 samples; of a longer recording the message names the informative windows.
 
     Three criteria can be minimised. The likelihood is the default. MDE minimises the paper's energy in every
     identification; its answer stands beside the published one:
@@ -192,17 +178,13 @@ def _identify(parser: Any) -> None:
       geared      and Stribeck friction and friction under load, Fs1 Fs2 k1 k2
 
     Examples:
-      pendubot identify swing                                     one half of a bag estimates, the other validates
       pendubot identify swing --criterion energy --model viscous --spread 0   as in the paper, all 4000 generations
       pendubot identify swing@0:9 --validate swing@9:18           windows of your own
       pendubot identify a b c --validate d --output result.yaml   several recordings pooled
-      pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
       pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
       pendubot identify swing --delay=-0.02:0.02                  a negative number needs the =
       pendubot identify run.mat --columns q1=th1,q2=th2,tau1=u --degrees --zero hanging   your own
       pendubot identify run.csv --apply-remedies                  read as its faults require; the result says how
-      pendubot identify swing --fix b2=0                          a parameter that is known
-      pendubot identify swing --report look                       a page with figures, look/report.html
       pendubot identify swing --settings lab.yaml                 options by name, such as "model: viscous"
     """
     parser.add_argument('bags', nargs='+', metavar=WINDOW, help='recordings that estimate')
@@ -213,9 +195,9 @@ def _identify(parser: Any) -> None:
     what.add_argument('--bounds', '--fix', action='append', default=[], metavar='NAME=LOW:HIGH', help=words)
     _settings(parser.add_argument_group('how the data are taken'), *DATA, APPLY_REMEDIES, delay='LOW:HIGH')
     _settings(parser.add_argument_group('how it is minimised'), *HOW, start=RESULT)
-    _reading(parser, joints=True, save=True)
+    _path(_reading(parser, joints=True), '--save-settings', 'FILE', 'keep the options of this group in a file')
     output = _outputs(parser, 'the result')
-    _reference(output)
+    _path(output, '--reference', RESULT, REFERENCE)
     words = 'the level of the result from which on the exit status is 3 (default %(default)s)'
     output.add_argument('--fail-on', default='error', choices=FAILING, help=words)
     _switch(output, '--verbose', 'print all tables and remarks')
@@ -230,9 +212,7 @@ def _track(parser: Any) -> None:
     recognised and ignored. Last come the informative windows: those with most motion between two changes.
 
     Examples:
-      pendubot track day                               a bag of hours
       pendubot track morning.csv evening.csv           two recordings of one rig, one after the other
-      pendubot track day --start monday.yaml           begins with the result of Monday
       pendubot track day --output now.yaml --report look   the newest parameters, and a page, look/report.html
     """
     parser.add_argument('bags', nargs='+', metavar=WINDOW, help='recordings, in the order of time')
@@ -243,24 +223,18 @@ def _track(parser: Any) -> None:
 
 
 def _report(parser: Any) -> None:
-    """Make a report of a result: one HTML page, which needs no network and prints well.
-    It shows the data with their windows, measured and simulated motion, the residuals of every criterion, the
-    convergence of MDE, the parameters with their intervals, what the motion excites, all warnings, and where everything
-    comes from. With each figure stands what a good one looks like.
-
-    The bags that the result names are read again. If one has been moved or changed, the report says so and leaves out
-    the figures that need it.
+    """Make a report of a result: one HTML page, which needs no network. The bags that the result names are read again.
+    If one has been moved or changed, the report says so and leaves out the figures that need it.
 
     Examples:
-      pendubot report result.yaml                                 into the folder result_report
       pendubot report result.yaml --reference last_week.yaml      last week's parameters beside these
       pendubot report result.yaml --bags ~/recordings --output there
     """
     _path(parser, 'result', RESULT, 'a file that pendubot identify wrote')
     _path(parser, '--output', 'DIR', 'folder of the report (default: RESULT_report beside the result)')
     _path(parser, '--bags', 'FOLDER', 'where the bags lie now (default: where the result says)')
-    _figures(parser)
-    _reference(parser)
+    _switch(parser, '--figures', FIGURES)
+    _path(parser, '--reference', RESULT, REFERENCE)
     _force(parser, 'files in a folder that is not empty')
 
 
@@ -273,13 +247,12 @@ def _compare(parser: Any) -> None:
     differ may predict equally well; then the difference does not matter to a controller.
 
     Examples:
-      pendubot compare monday.yaml friday.yaml
       pendubot compare monday.yaml friday.yaml --on swing@9:18    on motion that neither was estimated from
     """
     _path(parser, 'results', RESULT, 'two or more results', nargs='+')
     parser.add_argument('--on', metavar=WINDOW, help='a recording whose motion each of them predicts')
     _reading(parser, joints=True)
-    _json(parser)
+    _switch(parser, '--json', JSON)
 
 
 def _excite(parser: Any) -> None:
@@ -288,11 +261,9 @@ def _excite(parser: Any) -> None:
     they are known now, within limits of torque, speed and angles. It is written as a parameter file of the exciter.
 
     Examples:
-      pendubot excite --design --torque 1 --speed 30 --output exciter.yaml         for the paper's rig
-      pendubot excite --design --torque 1 --speed 20 --from result.yaml            for yours; 20 rad/s at most
+      pendubot excite --design --torque 1 --speed 20 --from result.yaml --output exciter.yaml
       pendubot excite --design --torque 1 --speed 20 --angle 1.5 6.3               cables: a quarter turn, one turn
       pendubot excite --check exciter.yaml --from result.yaml                      its motion and its information
-      pendubot excite --check exciter.yaml --speed 20                              does it stay below 20 rad/s?
 
     then: ros2 run pendubot_identification exciter --ros-args --params-file exciter.yaml
     A rig differs from its estimate: watch the first run, with a hand at the emergency stop.
@@ -335,13 +306,12 @@ def _export(parser: Any) -> None:
 
     Examples:
       pendubot export result.yaml --output pendubot.xml              the suffix selects the format; .xml is mjcf
-      pendubot export result.yaml --output pendubot.urdf --torque-limit 0.5
       pendubot export result.yaml --output pendubot.urdf --revolute   one coordinate a joint in Pinocchio
       pendubot export result.yaml --format h > pendubot.h
     """
     _path(parser, 'result', RESULT, 'a result of pendubot identify, or parameters by hand')
     words = "default: by the output's suffix"
-    parser.add_argument('--format', choices=FORMATS, type=lambda name: EARLIER.get(name, name), help=words)
+    parser.add_argument('--format', choices=FORMATS, help=words)
     _path(parser, '--output', 'FILE', 'write it here (default: print it)')
     simulators = parser.add_argument_group('for mjcf and urdf')
     words = 'of link 1, from joint to joint, measured (default: P3 / P5)'
@@ -418,8 +388,8 @@ def _info(parser: Any) -> None:
     values, and probable mistakes in the units.
     """
     _path(parser, 'bag', 'BAG', 'a bag folder or a .mcap file, closed or not, or a file with columns')
-    _reading(parser, save=True)
-    _json(parser)
+    _reading(parser)
+    _switch(parser, '--json', JSON)
 
 
 def _repair(parser: Any) -> None:
@@ -434,17 +404,16 @@ def _repair(parser: Any) -> None:
     _path(parser, 'bag', 'BAG', 'a bag folder or a .mcap file, closed or not')
     _path(parser, '--output', 'BAG', 'the folder of the copy (default: BAG_repaired)')
     _force(parser, 'a bag of the name of the copy')
-    _json(parser)
+    _switch(parser, '--json', JSON)
 
 
 def _reproduce(parser: Any) -> None:
-    """Reproduce the paper: its tables and figures from this package's own runs, each number beside the paper's, in one
+    """Reproduce the paper: its tables and Figure 1 from this package's own runs, each number beside the paper's, in one
     folder with an index.md to read. It takes less than a minute.
 
       table4      errors of PSO, DE, HDE and MDE on four functions; whether MDE is ahead; times
       figure1     their convergence
       table7      J of ten identifications on the sample bag     table8      the parameters
-      dataset     the recording                                  fit         how the parameters explain it
       threshold   the sweep of the threshold, which the paper mentions
       operator    its operator drawn per component against per vector
       dimensions  beyond the paper: 2, 10 and 30 dimensions, equal budgets, rank-sum tests
@@ -457,7 +426,6 @@ def _reproduce(parser: Any) -> None:
     _number(parser, '--seed', 1, 'SEED', 'of all random numbers')
     _path(parser, '--output', 'DIR', 'a new folder (default %(default)s)', default=Path('reproduction'))
     _force(parser, 'files in a folder that is not empty')
-    _json(parser)
 
 
 def _demo(parser: Any) -> None:

@@ -24,7 +24,7 @@ from pendubot_identification.results.result_file import read_estimate
 from .terminal import progress_bar
 
 
-def run(args: argparse.Namespace) -> int:
+def run_excite(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
     if args.design and (args.torque is None or args.speed is None):

@@ -16,16 +16,15 @@ from pendubot_identification.recordings.survey import as_text, survey_bag, surve
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.recordings.tables import is_table
 
-from .options import conversion_of, save_settings
+from .options import conversion_of
 
 
-def run(args: argparse.Namespace) -> int:
+def run_info(args: argparse.Namespace) -> int:
     """Print the content of a recording."""
     with wrong_usage():
         conversion = conversion_of(args)
     if is_table(args.bag):
         found = survey_table(TableReader(args.bag, conversion))
-        save_settings(args, conversion)
         print(json.dumps(found, indent=2) if args.json else f'{args.bag}: {as_text(found)}')
         return 0
     if words := conversion.options():

@@ -1,11 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot completion``: a script with which a shell completes subcommands, options and names of files."""
+"""The subcommands that need a package of their own: completion and studio."""
 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import re
 
 from pendubot_identification.errors import PendubotError
@@ -14,8 +15,8 @@ from pendubot_identification.identify.options import CRITERION
 from .arguments import parser
 
 
-def run(args: argparse.Namespace) -> int:
-    """Print the script."""
+def run_completion(args: argparse.Namespace) -> int:
+    """Print a script with which a shell completes subcommands, options and names of files."""
     try:
         import shtab
     except ImportError as error:
@@ -28,4 +29,16 @@ def run(args: argparse.Namespace) -> int:
             action.complete = shtab.FILE
         action.choices = choices.get(action.dest, action.choices)
     print(shtab.complete(top, args.shell))
+    return 0
+
+
+def run_studio(args: argparse.Namespace) -> int:
+    """Serve the guided way in a browser until a signal."""
+    try:
+        from pendubot_identification.studio.server import serve
+    except ImportError as error:
+        raise PendubotError(
+            f'{error.name} cannot be imported, and the studio needs aiohttp: pip install aiohttp'
+        ) from error
+    asyncio.run(serve(args.files, args.port, live=args.live, browser=not args.no_browser, debug=args.debug))
     return 0
