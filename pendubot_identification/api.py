@@ -330,7 +330,11 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     if isinstance(recording, Trajectory):
         motion = conversion.motion(recording.t, recording.q, recording.tau, recording.qd, recording.name)
     elif isinstance(recording, Mapping):
-        motion = _of_arrays(**recording, conversion=conversion)
+        t, q = np.asarray(recording['t'], dtype=float), np.asarray(recording['q'], dtype=float)
+        if q.shape != (*t.shape, 2):
+            raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
+        qd = None if recording['qd'] is None else np.asarray(recording['qd'], dtype=float)
+        motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, recording['tau']), qd, 'arrays')
     else:
         named = recording.reset_index() if recording.index.name else recording
         cells = [named.iloc[:, k] for k in range(named.shape[1])]
@@ -341,15 +345,6 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     # With an @ it would name a window of a file.
     window = BagWindow(Path(motion.name.replace('@', ' at ') + IN_MEMORY))
     return RecordedTrajectory(motion, window, hashlib.sha256(content).hexdigest(), True, note, taken_as)
-
-
-def _of_arrays(t: ArrayLike, q: ArrayLike, tau: ArrayLike, qd: ArrayLike | None, conversion: Conversion) -> Trajectory:
-    times, positions = np.asarray(t, dtype=float), np.asarray(q, dtype=float)
-    velocities = None if qd is None else np.asarray(qd, dtype=float)
-    if positions.shape != (*times.shape, 2):
-        raise ParameterError(f't has shape {times.shape} and q {positions.shape}; (N,) and (N, 2) are expected')
-    seconds = (times - times[:1]) * conversion.seconds
-    return conversion.motion(seconds, positions, _torques(times, tau), velocities, 'arrays')
 
 
 def simulate(
@@ -419,10 +414,6 @@ class _Exportable:
     """Parameters that ``pendubot export`` writes for other programs."""
 
     __slots__ = ()
-
-    @property
-    def _exported(self) -> PartialResult:
-        raise NotImplementedError
 
     @_arguments_in_messages()
     def export(
@@ -509,16 +500,6 @@ class Pendubot(Parameters, _Exportable):
 
         A, B = linearise(self)
         return A, B[:, :1]
-
-    def simulate(
-        self,
-        t: ArrayLike,
-        tau: ArrayLike = 0.0,
-        q: tuple[float, float] = HANGING,
-        qd: tuple[float, float] = (0.0, 0.0),
-    ) -> Trajectory:
-        """Return its motion, see :func:`simulate`."""
-        return simulate(self, t, tau, q, qd)
 
     @property
     def _exported(self) -> PartialResult:

@@ -154,7 +154,7 @@ def test_a_rig_moves_as_its_terms_say():
     np.testing.assert_allclose(RIG.bias(many, qd)[0, 1], RIG.bias(many[0, 1], qd), rtol=1e-12)
     free = replace(RIG, b1=0.0, b2=0.0)
     assert isinstance(free, Pendubot)
-    motion = free.simulate(np.arange(200) * 0.01, q=(0.1, 0.2))
+    motion = simulate(free, np.arange(200) * 0.01, q=(0.1, 0.2))
     energy = free.energy(motion.q, motion.qd)
     np.testing.assert_allclose(energy, energy[0], atol=1e-8)
     A, B = RIG.linearised()
