@@ -415,6 +415,10 @@ class _Exportable:
 
     __slots__ = ()
 
+    @property
+    def _exported(self) -> PartialResult:
+        raise NotImplementedError
+
     @_arguments_in_messages()
     def export(
         self,

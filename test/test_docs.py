@@ -29,7 +29,7 @@ PACKAGE = 'pendubot_identification'
 #: Those of the subcommands that need ROS, or a browser.
 LIVE = {'demo', 'studio'}
 #: What would take half a minute is done in little.
-QUICK = {'--design': ('--generations', '1', '--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
+QUICK = {'--design': ('--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
 #: Topics and services that users of the design rely on.
 SERVED = {'/joint_states', '/pendubot/effort_command', '/pendubot/params', '/pendubot/identification'}
 SERVED |= {

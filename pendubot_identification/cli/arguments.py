@@ -29,7 +29,6 @@ FORMATS = ('mjcf', 'urdf', 'yaml', 'm', 'h', 'py')
 STATUS = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR'
 WINDOW, RESULT, EXCITER = 'BAG[@START:END]', 'RESULT.yaml', 'EXCITER.yaml'
 JSON, FIGURES = 'print JSON and nothing else', 'add the figures of the report as SVG and PNG'
-REFERENCE = 'parameters shown beside the estimated ones: an earlier result, or by hand'
 
 
 def parser() -> argparse.ArgumentParser:
@@ -140,10 +139,14 @@ def _reading(parser: Any, *, joints: bool = False) -> Any:
     )
     _path(group, '--settings', 'FILE', words)
     if joints:
-        group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
-        words = 'joint names in a bag (default %(default)s)'
-        group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
+        _joints(group)
     return group
+
+
+def _joints(group: Any) -> None:
+    group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
+    words = 'joint names in a bag (default %(default)s)'
+    group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
 
 
 def _outputs(parser: Any, what: str) -> Any:
@@ -197,7 +200,6 @@ def _identify(parser: Any) -> None:
     _settings(parser.add_argument_group('how it is minimised'), *HOW, start=RESULT)
     _path(_reading(parser, joints=True), '--save-settings', 'FILE', 'keep the options of this group in a file')
     output = _outputs(parser, 'the result')
-    _path(output, '--reference', RESULT, REFERENCE)
     words = 'the level of the result from which on the exit status is 3 (default %(default)s)'
     output.add_argument('--fail-on', default='error', choices=FAILING, help=words)
     _switch(output, '--verbose', 'print all tables and remarks')
@@ -234,7 +236,7 @@ def _report(parser: Any) -> None:
     _path(parser, '--output', 'DIR', 'folder of the report (default: RESULT_report beside the result)')
     _path(parser, '--bags', 'FOLDER', 'where the bags lie now (default: where the result says)')
     _switch(parser, '--figures', FIGURES)
-    _path(parser, '--reference', RESULT, REFERENCE)
+    _path(parser, '--reference', RESULT, 'parameters shown beside the estimated ones: an earlier result, or by hand')
     _force(parser, 'files in a folder that is not empty')
 
 
@@ -251,7 +253,9 @@ def _compare(parser: Any) -> None:
     """
     _path(parser, 'results', RESULT, 'two or more results', nargs='+')
     parser.add_argument('--on', metavar=WINDOW, help='a recording whose motion each of them predicts')
-    _reading(parser, joints=True)
+    group = parser.add_argument_group('how it is read')
+    _path(group, '--settings', 'FILE', 'its options, from a file of --save-settings or a result')
+    _joints(group)
     _switch(parser, '--json', JSON)
 
 
@@ -283,11 +287,8 @@ def _excite(parser: Any) -> None:
     _number(how, '--duration', 18.0, 'S', 'of the excitation')
     _number(how, '--rate', 100.0, 'HZ', 'sampling rate')
     _number(how, '--counts', 4000, 'N', 'encoder counts per turn')
-    search = parser.add_argument_group('search and output')
-    _number(search, '--seed', 1, 'SEED', 'same seed, same design')
-    _number(search, '--generations', 30, 'N', 'of the search, 80 trains each')
-    _path(search, '--output', EXCITER, "write the exciter's parameter file here")
-    _force(search)
+    _path(parser, '--output', EXCITER, "write the exciter's parameter file here")
+    _force(parser)
 
 
 def _export(parser: Any) -> None:

@@ -42,7 +42,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .arguments import FAILING
 from .options import given_options, joint_names
-from .results import read_reference
 from .terminal import brief, progress_bar
 
 
@@ -59,12 +58,9 @@ def run_identify(args: argparse.Namespace) -> int:
         require_files(settings.reading, bags)
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
-        refuse_input(target, [*bags, start and Path(start), args.reference, args.settings])
+        refuse_input(target, [*bags, start and Path(start), args.settings])
     if start is not None:
         settings = replace(settings, start=read_parameters(Path(start)))
-    if args.reference is not None and args.report is None:
-        raise UsageError('--reference stands beside a result in its report; add --report DIR')
-    beside = read_reference(args.reference)
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         for target in outputs:
             refuse_unwritable(target, overwrite=args.force)
@@ -79,7 +75,7 @@ def run_identify(args: argparse.Namespace) -> int:
                 from pendubot_identification.report.folder import write_report  # imports matplotlib
 
                 with progress_bar(hidden=args.json) as progress:
-                    page = write_report(folder, result, motions, beside, (), progress, static=args.figures)
+                    page = write_report(folder, result, motions, None, (), progress, static=args.figures)
                     outputs.append(page)
         finally:
             # Also if they cannot be written. Last, because a closed pipe ends the program.

@@ -9,7 +9,6 @@ import argparse
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 from pendubot_identification.errors import PendubotError, UsageError, wrong_usage
 from pendubot_identification.files import OutputFolder, refuse_input, write_atomically
@@ -17,7 +16,7 @@ from pendubot_identification.formats.export import FORMATS, ROBOTS, SUFFIXES, ex
 from pendubot_identification.level import Level
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.recordings.datasets import require_files
-from pendubot_identification.report.tables import Beside, comparison
+from pendubot_identification.report.tables import comparison
 from pendubot_identification.results.comparison import compare
 from pendubot_identification.results.provenance import recordings
 from pendubot_identification.results.result_file import read_complete_result, read_result
@@ -32,7 +31,11 @@ def run_report(args: argparse.Namespace) -> int:
     from pendubot_identification.report.folder import write_report  # imports matplotlib
 
     result = read_complete_result(args.result)
-    beside = read_reference(args.reference)
+    beside = None
+    if args.reference is not None:
+        beside = read_result(args.reference), 'reference'
+        for problem in beside[0].unphysical():
+            print(f'pendubot: {args.reference}: {problem}', file=sys.stderr)
     path = args.output or args.result.with_name(f'{args.result.stem}_report')
     refuse_input(path / 'result.yaml', [args.reference])
     motions, notes = None, []
@@ -48,20 +51,6 @@ def run_report(args: argparse.Namespace) -> int:
     return 0
 
 
-def read_reference(path: Path | None) -> Beside | None:
-    """Return the parameters of a file, to be shown beside a result; warn if they are not physical.
-
-    Raises:
-        ResultError: the file cannot be read or holds no parameters.
-    """
-    if path is None:
-        return None
-    found = read_result(path)
-    for problem in found.unphysical():
-        print(f'pendubot: {path}: {problem}', file=sys.stderr)
-    return found, 'reference'
-
-
 def run_compare(args: argparse.Namespace) -> int:
     """Print results side by side, and their predictions of a motion."""
     if len(set(args.results)) < max(2, len(args.results)):
@@ -71,8 +60,6 @@ def run_compare(args: argparse.Namespace) -> int:
         window = None if args.on is None else BagWindow.parse(args.on)
         if window is not None:
             require_files(conversion, [window.path])
-    if window is None and (words := conversion.options()):
-        raise UsageError(f'{" ".join(words)} says how a recording is read, and none is; add --on BAG, or leave it out')
     results, recorded = {str(path): read_result(path) for path in args.results}, None
     if window is not None:
         recorded = read_trajectory(window, topic=args.topic, joint_names=names, conversion=conversion)

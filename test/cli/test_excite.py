@@ -15,7 +15,7 @@ from test.cli.conftest import contents
 from test.conftest import ROOT
 from test.identified import plain, write
 
-QUICK = ('--torque', '1', '--speed', '20', '--duration', '2', '--generations', '1')
+QUICK = ('--torque', '1', '--speed', '20', '--duration', '2')
 
 
 def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, run):
@@ -46,7 +46,6 @@ def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, run):
         (['--design', '--torque', '1'], 2, 'give --torque [N m] and --speed [rad/s]'),
         (['--design', '--torque', '-1', '--speed', '5'], 2, 'limit of the torque is -1'),
         (['--design', *QUICK, '--rate', '0'], 2, 'sampling rate is 0'),
-        (['--design', *QUICK, '--seed', '-1'], 2, 'the seed is -1'),
         (['--design', *QUICK, '--output', 'taken.yaml'], 1, 'exists already'),
         (['--check', 'taken.yaml'], 1, 'no parameters of the node exciter'),
         (['--check', 'wrong.yaml'], 1, 'numbers are expected'),

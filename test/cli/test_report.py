@@ -82,9 +82,7 @@ def test_a_failed_identification_has_a_page_that_says_why_and_shows_what_could_b
         assert (status, out) == (1, f'the reason is also on the page {look / "report.html"}\n')
         assert sentence in err
         assert ' '.join(err.removeprefix('pendubot: ').replace(f'{tmp_path}/', '').split()) in text(look)
-        assert f'estimate from rest{window}' in text(look)
-        assert names(look) == {'report.html'}
-        assert plots(look) == drawn
+        assert (names(look), plots(look)) == ({'report.html'}, drawn)
 
 
 def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made, tmp_path, run, monkeypatch):
@@ -94,17 +92,15 @@ def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made,
         raise RuntimeError('a figure that cannot be drawn')
 
     monkeypatch.setattr('pendubot_identification.report.figures.draw_correlation', fail)
-    new, output = tmp_path / 'new' / 'look', tmp_path / 'result.yaml'
     shutil.copytree(made / 'look', tmp_path / 'look')
     before = contents(tmp_path / 'look')
-    command = ('identify', made / 'swing', *FAST, '--output', output, '--force', '--report')
-    for folder in (tmp_path / 'look', new):
-        status, _, err = run(*command, folder)
+    command = ('identify', made / 'swing', *FAST, '--output', tmp_path / 'result.yaml', '--force', '--report')
+    for folder in ('look', 'new/look'):
+        status, _, err = run(*command, tmp_path / folder)
         said = 'pendubot: RuntimeError: a figure that cannot be drawn; run again with --debug to see where\n'
         assert (status, err) == (1, said)
-    assert not (tmp_path / 'new').exists()
+    assert {path.name for path in tmp_path.iterdir()} == {'look', 'result.yaml'}
     assert contents(tmp_path / 'look') == before
-    assert output.exists()
 
 
 def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_path, run):
@@ -124,8 +120,6 @@ def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_pat
         assert sentence in err
         assert sentence.replace('/gone/', '') in text(look)
         assert plots(look) == set()
-        assert 'Excitation by the motion' not in text(look)
-        assert 'Correlations of the parameters' in text(look)
     found = ('report', tmp_path / 'moved.yaml', '--bags', made, '--output', tmp_path / 'found')
     assert run(*found)[::2] == (0, '')
     assert plots(tmp_path / 'found') == PLOTS

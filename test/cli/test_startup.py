@@ -49,12 +49,10 @@ def test_nothing_is_imported_that_is_not_needed(arguments, unwanted):
     assert not found & {*unwanted, 'rclpy'}
 
 
-@pytest.mark.parametrize(('switch', 'path'), [('on', 'compiled kernel'), ('off', 'switched off by PENDUBOT_KERNEL')])
-def test_version_says_which_path_is_taken(switch, path):
+def test_version_says_which_path_is_taken():
     command = ('-m', 'pendubot_identification.cli.main', '--version')
-    said = child(*command, env={'PENDUBOT_KERNEL': switch}, check=True).stdout
-    assert said.startswith(f'pendubot {__version__}')
-    assert path in said or (switch == 'on' and 'there was no C compiler' in said)
+    said = child(*command, env={'PENDUBOT_KERNEL': 'off'}, check=True).stdout
+    assert said == f'pendubot {__version__}, numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)\n'
 
 
 @pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('many', 0)])
@@ -83,6 +81,5 @@ def test_works_where_ros_cannot_be_imported_and_a_terminal_knows_but_ascii(made,
     assert (result.returncode, result.stderr) == (0, '')
     assert r'\xb1' in result.stdout, 'in the place of a sign that ASCII lacks'
     demo = child('-S', blocker, 'demo', env=env)
-    assert demo.returncode == 1
+    assert (demo.returncode, 'Traceback' in demo.stderr) == (1, False)
     assert 'the demo needs ROS 2' in demo.stderr
-    assert 'Traceback' not in demo.stderr
