@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -243,9 +244,7 @@ def identify(  # noqa: D417
     if words and any(isinstance(each, Trajectory) for each in (*given, *validate)):
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
 
-    def load(conversion: Conversion) -> Datasets:
-        return _load(given, validate, topic, joint_names, conversion)
-
+    load = partial(_load, given, validate, topic, joint_names)
     found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
     return Identified(assemble_result(found, data.sources), (data.training, data.validation))
 
@@ -285,10 +284,7 @@ def check(
     """
     from .results.options import settings_of
 
-    def load(conversion: Conversion) -> Datasets:
-        return _load(recordings, validate, topic, joint_names, conversion)
-
-    return check_recordings(load, settings_of(options))
+    return check_recordings(partial(_load, recordings, validate, topic, joint_names), settings_of(options))
 
 
 def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dict[str, object]:
@@ -298,11 +294,7 @@ def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dic
 
 
 def _load(
-    recordings: Sequence[object],
-    validate: Sequence[object],
-    topic: str,
-    joints: Sequence[str],
-    conversion: Conversion,
+    recordings: Sequence[object], validate: Sequence[object], topic: str, joints: Sequence[str], conversion: Conversion
 ) -> Datasets:
     """Return the motions for training and for validation."""
     given = [*recordings, *validate]

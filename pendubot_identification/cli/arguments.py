@@ -209,9 +209,8 @@ def _track(parser: Any) -> None:
     """Follow the parameters of a rig through recordings of any length, one after the other as if they were one: their
     newest values with intervals, and every change with its time. Memory does not grow with the length.
 
-    The first eight seconds of motion are identified. From then on every 0.4 s of motion updates the estimate. Friction
-    may drift; inertias and weights change only in steps, such as a payload. A disturbance, such as a push by hand, is
-    recognised and ignored. Last come the informative windows: those with most motion between two changes.
+    Friction may drift; inertias and weights change only in steps, such as a payload. A disturbance, such as a push by
+    hand, is ignored. Last come the informative windows: those with most motion between two changes.
 
     Examples:
       pendubot track morning.csv evening.csv           two recordings of one rig, one after the other
@@ -323,20 +322,15 @@ def _export(parser: Any) -> None:
 
 
 def _import(parser: Any) -> None:
-    """Turn a file with columns into a bag with the topic /joint_states, as the recorder writes it, and describe the
-    motion. identify, track, info and compare read such files themselves; a bag is for ROS.
+    """Turn a file with columns into a bag with the topic /joint_states, as the recorder writes it. identify, track,
+    info and compare read such files themselves; a bag is for ROS.
 
-      .csv .txt .tsv   a line of column names, then rows; separated by commas, semicolons or tabs
-      .mat             MATLAB's variables, or the fields of a struct; q with two columns is q1 and q2. 7.3 needs h5py
-      .xlsx            the first sheet: a row of column names, then rows. Needs pandas and openpyxl
-      .parquet         needs pandas and pyarrow
-
-    The columns are by default t [s], q1, q2 (angles of shoulder and elbow, [rad]), tau1 (torque at the shoulder, [N m])
-    and, if they are there, tau2 (torque at the elbow, else 0), dq1, dq2 (velocities, [rad/s]). The torque of a row is
-    applied from that row until the next.
+    A file is text (.csv .txt .tsv), MATLAB's (.mat), numpy's (.npz), Excel's (.xlsx) or .parquet. Its columns are by
+    default t [s], q1, q2 (angles of shoulder and elbow, [rad]), tau1 (torque at the shoulder, [N m]) and, if they are
+    there, tau2 (torque at the elbow, else 0), dq1, dq2 (velocities, [rad/s]). The torque of a row is applied from that
+    row until the next.
 
     Examples:
-      pendubot import run.csv --output run
       pendubot import run.mat --output run --columns t=time,q1=th1,q2=th2,tau1=u --degrees --zero hanging
       pendubot import other.mat --output other --settings lab.yaml      as kept by --save-settings lab.yaml
     """
@@ -353,10 +347,6 @@ def _simulate(parser: Any) -> None:
     Examples:
       pendubot simulate --output swing --samples 900 --seed 7
       pendubot simulate --output designed --excitation exciter.yaml --parameters rig.yaml
-
-    parameters by hand, as a RESULT.yaml: those from P1 to b2, and of Fc1 Fc2 J2 Fs1 Fs2 k1 k2 those that are not 0
-      schema: 1
-      parameters: {P1: {value: 0.0022}, P2: {value: 0.0004}, ..., b2: {value: 0.0001}, Fc1: {value: 0.002}}
     """
     _path(parser, '--output', 'BAG', 'the folder of the new bag', required=True)
     _number(parser, '--samples', 1800, 'N', 'length of the recording')
@@ -372,12 +362,7 @@ def _simulate(parser: Any) -> None:
 
 
 def _info(parser: Any) -> None:
-    """Describe the content of a bag: its topics, how many messages of each, how often and how regularly, how long it
-    lasts, whether its recording was closed, and what is damaged or missing. The .mcap files themselves are read from
-    beginning to end, so this is also right if metadata.yaml is missing or stale.
-
-    Of each topic:
-      rate       messages per second, from its first to its last
+    """Describe the content of a bag from its .mcap files: whether it was closed, damage, and of each topic
       jitter     deviation of an interval from the median interval, 99th percentile
       gaps       intervals longer than 1.5 median intervals, how many messages would fill them, start of the first
       latency    from the stamp to the recorder: median and maximum
@@ -442,18 +427,12 @@ def _demo(parser: Any) -> None:
 
 
 def _studio(parser: Any) -> None:
-    """Open a page in the browser that leads from recordings to parameters. Drop files, correct columns and units by
-    menus, see the checks of stamps, gaps, limits, conventions and excitation, start the fit, stop it, and take page,
-    result, exports and the command line that does the same. Where ROS is, the page also shows the running rig,
-    read-only.
-
-    Only browsers on this computer that know the token in the address are answered, and nothing comes from a network.
-    Files stay in a private folder, which is deleted with the page or with the studio.
+    """Open a page in the browser that leads from recordings to parameters. Where ROS is, it also shows the running rig,
+    read-only. Only browsers on this computer that know the token in the address are answered, and nothing comes from a
+    network. Files stay in a private folder, which is deleted with the page or with the studio.
 
     Examples:
-      pendubot studio                     opens the page, and drops follow
       pendubot studio swing run.csv       with recordings
-      pendubot studio --live              shows the running rig first
     """
     parser.add_argument('files', nargs='*', metavar='BAG', help='recordings to begin with')
     _switch(parser, '--live', 'show the running rig first (needs ROS)')
@@ -462,14 +441,12 @@ def _studio(parser: Any) -> None:
 
 
 def _completion(parser: Any) -> None:
-    """Print a script with which a shell completes subcommands, options, their choices and the names of files. It is
-    made by shtab (pip install shtab) and starts no program. Make it again after an update. Once:
+    """Print a script with which a shell completes subcommands, options, their choices and the names of files
+    (pip install shtab). Make it again after an update.
 
       bash   pendubot completion bash > ~/.local/share/bash-completion/completions/pendubot
       zsh    pendubot completion zsh > ~/.zfunc/_pendubot     with fpath+=~/.zfunc before compinit in ~/.zshrc
       fish   pendubot completion fish > ~/.config/fish/completions/pendubot.fish
-
-    or for this shell alone, bash: source <(pendubot completion bash)
     """
     default, words = Path(os.environ.get('SHELL') or 'bash').name, 'which one (default: that of $SHELL)'
     parser.add_argument('shell', nargs='?', choices=('bash', 'zsh', 'fish'), default=default, help=words)
