@@ -18,7 +18,6 @@ from pendubot_identification.errors import (
     PendubotError,
     TrajectoryError,
     UsageError,
-    sentence,
     wrong_usage,
 )
 from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically, yaml_text
@@ -64,7 +63,7 @@ def run_identify(args: argparse.Namespace) -> int:
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         for target in outputs:
             refuse_unwritable(target, overwrite=args.force)
-        result, motions = _identify(args, settings, names, folder, apply_remedies=apply_remedies)
+        result, motions = _identify(args, settings, names, apply_remedies=apply_remedies)
         try:
             if args.output is not None:
                 write_result(args.output, result, overwrite=args.force)
@@ -128,40 +127,21 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
 
 
 def _identify(
-    args: argparse.Namespace,
-    settings: Settings,
-    names: Sequence[str],
-    folder: OutputFolder | None,
-    *,
-    apply_remedies: bool,
+    args: argparse.Namespace, settings: Settings, names: Sequence[str], *, apply_remedies: bool
 ) -> tuple[Result, tuple[Sequence[Trajectory], Sequence[Trajectory]]]:
-    """Return the result, and the motions for training and validation; after a failure, a page shows the reason."""
-    motions: tuple[Sequence[Trajectory], Sequence[Trajectory]] | None = None
+    """Return the result, and the motions for training and validation."""
+    with progress_bar(hidden=args.json) as progress:
 
-    def load(conversion: Conversion) -> Datasets:
-        nonlocal motions
-        motions = None
-        try:
-            data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=names, conversion=conversion)
-        except LongRecordingError as error:
-            raise _with_windows(error, args.topic, names, conversion, progress) from error
-        motions = data.training, data.validation
-        return data
+        def load(conversion: Conversion) -> Datasets:
+            try:
+                return load_datasets(
+                    args.bags, args.validate, topic=args.topic, joint_names=names, conversion=conversion
+                )
+            except LongRecordingError as error:
+                raise _with_windows(error, args.topic, names, conversion, progress) from error
 
-    try:
-        with progress_bar(hidden=args.json) as progress:
-            found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
-        return assemble_result(found, data.sources), (data.training, data.validation)
-    except Exception as error:
-        if folder is not None:
-            from pendubot_identification.report.folder import write_failure  # imports matplotlib
-
-            asked = [f'estimate from {bag}' for bag in args.bags] + [f'validate on {bag}' for bag in args.validate]
-            how = f'criterion {", ".join(settings.criteria)}; model {settings.model}; optimizer {settings.optimizer}'
-            page = write_failure(folder, sentence(error), [*asked, how], motions)
-            if not args.json:
-                print(f'the reason is also on the page {page}')
-        raise
+        found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
+    return assemble_result(found, data.sources), (data.training, data.validation)
 
 
 def _with_windows(

@@ -1,14 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The terminal: its width, colours, a progress bar, and the short text of a result."""
+"""The terminal: its width, a progress bar, and the short text of a result."""
 
 from __future__ import annotations
 
 import math
-import os
 import shutil
-import sys
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,12 +14,9 @@ from contextlib import contextmanager
 from tqdm import tqdm
 
 from pendubot_identification.identify.estimate import Progress
-from pendubot_identification.level import Level
 from pendubot_identification.report.tables import J_sentence, consequences, own_warnings, parameter_table, verdict
 from pendubot_identification.results.result import Result
 
-CODES = {'bold': '1', 'red': '1;31', 'green': '1;32', 'yellow': '1;33'}
-COLOURS = {Level.OK: 'green', Level.WARN: 'yellow', Level.ERROR: 'red'}
 #: Widest text that is easy to read, in columns; most lines of a short text, including those about files.
 WIDEST, LINES = 120, 30
 #: The bar of a step whose end is known, and of another one.
@@ -32,12 +27,6 @@ ENDLESS = '{desc} {n_fmt}{postfix} [{elapsed}]'
 def columns() -> int:
     """Return the number of columns for text, also in a pipe or a file."""
     return max(20, min(shutil.get_terminal_size((WIDEST, 24)).columns, WIDEST))
-
-
-def paint(line: str, colour: str, *, of: str) -> str:
-    """Return a line with the first ``of`` in it in a colour, if stdout is a terminal with colours."""
-    plain = not sys.stdout.isatty() or os.environ.get('NO_COLOR') or os.environ.get('TERM') == 'dumb'
-    return line if plain else line.replace(of, f'\033[{CODES[colour]}m{of}\033[0m', 1)
 
 
 @contextmanager
@@ -64,21 +53,20 @@ def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
 def brief(result: Result, files: int) -> str:
     """Return at most :data:`LINES` lines, less ``files``; the last line counts the remarks that are left out."""
     head = [*_sources(result), '', *_parameters(result), '', *_prediction(result), '']
-    level = [f'{result.level.name}: {warning}' for warning in result.warnings or [verdict(result)]]
+    remarks = [f'{result.level.name}: {warning}' for warning in result.warnings or [verdict(result)]]
     if followed := len(consequences(result)):
-        level.append(f'{followed} more follow from that: the result file and the report list them')
+        remarks.append(f'{followed} more follow from that: the result file and the report list them')
     design = ['pendubot excite --design proposes a more informative motion'] if result.advice else []
-    remarks = [(remark, COLOURS[result.level]) for remark in level]
-    remarks += [(f'to do: {sentence}', 'bold') for sentence in (*result.advice, *design)]
+    remarks += [f'to do: {sentence}' for sentence in (*result.advice, *design)]
     room, lines = LINES - files - len(head), list[str]()
     left_out = sum(map(len, own_warnings(result).values()))
-    for remark, colour in remarks:
+    for remark in remarks:
         paragraph = textwrap.wrap(remark, columns(), subsequent_indent='  ', break_on_hyphens=False)
         # The first remark is always shown, and one line is kept for the last line.
         if lines and len(lines) + len(paragraph) >= room:
             left_out += 1
         else:
-            lines += [paint(paragraph[0], colour, of=f'{remark.partition(":")[0]}:'), *paragraph[1:]]
+            lines += paragraph
     more = f'{left_out} more remark{"s"[: left_out != 1]}, and all tables' if left_out else 'all tables'
     return '\n'.join([*head, *lines[: room - 1], f'{more}: add --verbose'])
 

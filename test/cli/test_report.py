@@ -6,12 +6,8 @@
 import re
 import shutil
 
-import numpy as np
 import yaml
 
-from pendubot_identification.model.simulation import HANGING
-from pendubot_identification.recordings.joint_states import write_trajectory
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test.cli.conftest import FAST, contents
 from test.report.test_page import Page
 
@@ -71,18 +67,6 @@ def test_a_reference_by_hand_stands_beside_the_result(there, tmp_path, run):
     rows = [row.split() for row in Page((tmp_path / 'out' / 'report.html').read_text()).rows]
     beside = {row[0]: float(row[-1].replace('−', '-')) for row in rows if 'to' in row[:-1] and row[0][0] in 'Pb'}
     assert beside == {'P1': -0.0022, **dict.fromkeys(('P2', 'P3', 'P4', 'P5', 'b1', 'b2'), 4e-4)}
-
-
-def test_a_failed_identification_has_a_page_that_says_why_and_shows_what_could_be_read(tmp_path, run):
-    t, q = np.arange(600) / 100, np.tile(HANGING, (600, 1))
-    write_trajectory(tmp_path / 'rest', Trajectory(t, q, 1e-6 * np.column_stack([np.sin(5 * t), 0 * t])))
-    for window, sentence, drawn in (('', 'excite the rig', {'recordings'}), ('@0:0.2', 'few', set())):
-        look = tmp_path / f'look{window}'
-        status, out, err = run('identify', f'{tmp_path / "rest"}{window}', '--report', look, *FAST)
-        assert (status, out) == (1, f'the reason is also on the page {look / "report.html"}\n')
-        assert sentence in err
-        assert ' '.join(err.removeprefix('pendubot: ').replace(f'{tmp_path}/', '').split()) in text(look)
-        assert (names(look), plots(look)) == ({'report.html'}, drawn)
 
 
 def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made, tmp_path, run, monkeypatch):

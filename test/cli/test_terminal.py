@@ -96,13 +96,6 @@ def test_verbose_has_the_rest(run, made, tmp_path):
     assert len(short.splitlines()) <= LINES < len(long.splitlines())
     assert 'condition number' in long
     assert ('kept nowhere: add --output' in short, 'kept nowhere' in long) == (True, False)
-    assert '\033' not in short, 'in a pipe'
-
-
-@pytest.mark.parametrize(('environment', 'shown'), [({}, '\033[1;32mOK:\033[0m the'), ({'NO_COLOR': '1'}, 'OK: the')])
-def test_the_level_is_in_colour_where_there_are_colours(environment, shown):
-    command = (*PENDUBOT, 'identify', SAMPLE, '--criterion', 'energy', '--model', 'coulomb', '--optimizer', 'lsq')
-    assert shown in in_a_terminal(*command, **environment)
 
 
 def test_a_terminal_shows_how_far_how_long_and_how_good_but_not_in_json(tmp_path):
