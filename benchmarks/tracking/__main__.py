@@ -135,14 +135,15 @@ def changed(name, tracks, day):
 
 
 def others(seeds):
-    """Print how well clean rigs are followed for 100 s that are sampled and driven otherwise."""
+    """Print how well clean rigs that are sampled and driven otherwise are followed for 100 s: errors at the end."""
     print('| rate [Hz] | counts | torque [N m] | P1 to P5 [%] | friction [%] | inside | | OK [%] |\n|' + '---|' * 8)
     for rate, counts, strength in RIGS:
         day = Day(strength=strength)
         t, q, tau = record(seeds, [day] * len(seeds), seconds=100.0, rate=float(rate), counts=counts)
         tracks = [track(t, *each) for each in zip(q, tau, strict=True)]
         fine = np.mean([s.level is Level.OK for states, _ in tracks for s in states if s.t > 20])
-        cells = [*of_tracks(tracks, day, 20), f'{100 * fine:.0f}']
+        last = [(states[-1:], events) for states, events in tracks]
+        cells = [*of_tracks(last, day, 20)[:2], *of_tracks(tracks, day, 20)[2:], f'{100 * fine:.0f}']
         print(f'| {rate} | {counts} | {strength} | ' + ' | '.join(cells) + ' |', flush=True)
 
 
