@@ -106,18 +106,17 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').closed, 'of a single file, beside it'
 
 
-@pytest.mark.parametrize('command', ['import {}/run.csv', 'simulate', 'repair {}/sim'])
-def test_where_a_disk_is_full_no_bag_is_left_and_an_earlier_one_as_it_was(made, tmp_path, command):
+@pytest.mark.parametrize(
+    ('command', 'name'), [('import {}/run.csv', 'earlier'), ('simulate', 'new'), ('repair {}/sim', 'earlier')]
+)
+def test_where_a_disk_is_full_no_bag_is_left_and_an_earlier_one_as_it_was(made, tmp_path, command, name):
     """A limit on a file's size refuses a write as a full disk does."""
     rows = (f'{0.01 * k},{np.sin(k)},{np.cos(k)},{np.sin(k)}' for k in range(2000))
     (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
     before = contents(shutil.copytree(made / 'sim', tmp_path / 'earlier'))
-    where = tmp_path if 'csv' in command else made
-    for name in ('new', 'earlier'):
-        output = tmp_path / name
-        words = [*command.format(where).split(), '--output', output, '--force']
-        ended = run_program('pendubot', *words, file_limit=100_000)
-        assert (ended.returncode, ended.stdout) == (1, '')
-        assert re.fullmatch(rf'pendubot: {output} is not written: .*\n', ended.stderr)
+    words = command.format(tmp_path if 'csv' in command else made).split()
+    ended = run_program('pendubot', *words, '--output', tmp_path / name, '--force', file_limit=100_000)
+    assert (ended.returncode, ended.stdout) == (1, '')
+    assert re.fullmatch(rf'pendubot: {tmp_path / name} is not written: .*\n', ended.stderr)
     assert contents(tmp_path / 'earlier') == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ['earlier', 'run.csv']

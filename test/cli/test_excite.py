@@ -6,12 +6,10 @@
 import re
 
 import numpy as np
-import pytest
 import yaml
 
 from pendubot_identification.excitation.exciter_file import read_exciter
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.cli.conftest import contents
 from test.conftest import ROOT
 from test.identified import plain, write
 
@@ -38,27 +36,6 @@ def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, run):
     assert duration == 2.0
     recorded = read_trajectory(tmp_path / 'bag').trajectory
     np.testing.assert_array_equal(recorded.tau[:, 0], train.torques(np.arange(200) / 100))
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'status', 'sentence'),
-    [
-        (['--design', '--torque', '1'], 2, 'give --torque [N m] and --speed [rad/s]'),
-        (['--design', '--torque', '-1', '--speed', '5'], 2, 'limit of the torque is -1'),
-        (['--design', *QUICK, '--rate', '0'], 2, 'sampling rate is 0'),
-        (['--design', *QUICK, '--output', 'taken.yaml'], 1, 'exists already'),
-        (['--check', 'taken.yaml'], 1, 'no parameters of the node exciter'),
-        (['--check', 'wrong.yaml'], 1, 'numbers are expected'),
-        (['--check', 'wrong.yaml', '--output', 'wrong.yaml', '--force'], 1, 'so it cannot be written as well'),
-    ],
-)
-def test_a_mistake_is_one_sentence(tmp_path, monkeypatch, refused, arguments, status, sentence):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'taken.yaml').write_text('bridge: {}\n')
-    (tmp_path / 'wrong.yaml').write_text('exciter: {ros__parameters: {period: often}}\n')
-    before = contents(tmp_path)
-    assert sentence in refused('excite', *arguments, status=status)
-    assert contents(tmp_path) == before
 
 
 def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, run):

@@ -100,12 +100,12 @@ def test_verbose_has_the_rest(run, made, tmp_path):
 
 def test_a_terminal_shows_how_far_how_long_and_how_good_but_not_in_json(tmp_path):
     """Long enough to be seen on any machine: without the kernel, and no run of MDE stops early."""
-    (tmp_path / 'long.yaml').write_text('{runs: 3, generations: 12000}')
+    (tmp_path / 'long.yaml').write_text('{runs: 3, generations: 8000}')
     command = (*PENDUBOT, 'identify', SAMPLE, '--criterion', 'energy', '--model', 'viscous', '--optimizer', 'mde')
     drawn = in_a_terminal(
         *command, '--spread', '0', '--settings', tmp_path / 'long.yaml', COLUMNS='120', PENDUBOT_KERNEL='off'
     )
-    bars = re.findall(r'energy: MDE .*? (\d+)/12000, J = (\S+) \[[\d:]+, [\d:?]+ left\]', drawn)
+    bars = re.findall(r'energy: MDE .*? (\d+)/8000, J = (\S+) \[[\d:]+, [\d:?]+ left\]', drawn)
     assert len(bars) > 2
     done, best = [int(n) for n, _ in bars], [float(J) for _, J in bars]
     assert done == sorted(done)
