@@ -10,7 +10,7 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from pendubot_identification.errors import UsageError, wrong_usage
+from pendubot_identification.errors import wrong_usage
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.survey import as_text, survey_bag, survey_table
 from pendubot_identification.recordings.table_reader import TableReader
@@ -27,10 +27,6 @@ def run_info(args: argparse.Namespace) -> int:
         found = survey_table(TableReader(args.bag, conversion))
         print(json.dumps(found, indent=2) if args.json else f'{args.bag}: {as_text(found)}')
         return 0
-    if words := conversion.options():
-        raise UsageError(
-            f'{args.bag} is a bag, and info shows its messages without a conversion; leave out {" ".join(words)}'
-        )
     bag = BagReader(args.bag)
     topics = survey_bag(bag)
     summary = {

@@ -71,7 +71,6 @@ WRONG_USAGE = {
     'identify x --model viscous --fix Fc1=0': '--bounds Fc1 is of a parameter that --model viscous does not have',
     'identify x --criterion energy --delay 0:0.02': '--delay is of weak and likelihood, and --criterion energy does',
     'identify swing --columns t=x': '--columns t=x is for files with columns; the stamps of a bag',
-    'info swing --degrees': 'is a bag, and info shows its messages without a conversion; leave out --degrees',
     'compare result.yaml': 'is one result alone, or twice the same; name two or more that differ',
     'excite --design --torque 1': 'give --torque [N m] and --speed [rad/s]',
     'excite --design --torque -1 --speed 5': 'limit of the torque is -1',
