@@ -23,6 +23,7 @@ from pendubot_identification.model.parameters import MODELS, Parameters
 from pendubot_identification.trajectories.motion import Motion
 from test.formats.test_engines import STEP, STEPS, Mujoco, compared
 from test.real import RIGS, recorded
+from test.simulated_rig import runge_kutta
 
 
 def integrated(acceleration, q, v):
@@ -33,10 +34,7 @@ def integrated(acceleration, q, v):
 
     x, found = np.array([*q, *v]), []
     for _ in range(STEPS):
-        a = slope(x)
-        b = slope(x + STEP / 2 * a)
-        c = slope(x + STEP / 2 * b)
-        x = x + STEP / 6 * (a + 2 * b + 2 * c + slope(x + STEP * c))
+        x = runge_kutta(slope, x, STEP)
         found.append(x)
     return np.array(found)
 

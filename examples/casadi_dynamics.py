@@ -15,7 +15,7 @@ try:
 except ImportError:
     raise SystemExit('this example needs CasADi: pip install casadi') from None
 
-from pendubot_identification import UPRIGHT, Pendubot, accelerations
+from pendubot_identification import UPRIGHT, Pendubot, accelerations, simulate
 
 if len(sys.argv) > 1:
     rig = Pendubot.load(sys.argv[1])
@@ -47,5 +47,5 @@ solution = problem.solve()
 torque = solution.value(U)
 
 # The package's own simulation under these torques ends there, too.
-motion = rig.simulate(np.arange(N + 1) * h, np.append(torque, 0.0))
+motion = simulate(rig, np.arange(N + 1) * h, np.append(torque, 0.0))
 print(f'{np.abs(torque).max():.3f} N m at most; ends {np.abs(motion.q[-1] - UPRIGHT).max():.1e} rad from upright')

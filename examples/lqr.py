@@ -8,7 +8,7 @@ import sys
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from pendubot_identification import UPRIGHT, Pendubot
+from pendubot_identification import UPRIGHT, Pendubot, simulate
 
 if len(sys.argv) > 1:
     rig = Pendubot.load(sys.argv[1])
@@ -28,7 +28,7 @@ for step in range(400):
     tau = float(-K @ [q[0] - UPRIGHT[0], q[1] - UPRIGHT[1], *qd])
     if step % 50 == 0:
         print(f'{step * period:.2f} s: off by {np.subtract(q, UPRIGHT).round(4)} rad, {tau:+.3f} N m')
-    motion = rig.simulate([0.0, period], tau, q, qd)
+    motion = simulate(rig, [0.0, period], tau, q, qd)
     q, qd = tuple(motion.q[-1]), tuple(motion.qd[-1])
 
 off = np.abs(np.subtract(q, UPRIGHT)).max()

@@ -9,13 +9,13 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from pendubot_identification import HANGING, Pendubot, identify
+from pendubot_identification import HANGING, Pendubot, identify, simulate
 
 # Your own numbers in the place of a simulated rig: angles in degrees, 0 where it hangs, and torques in mN m.
 rig = Pendubot(P1=0.0148, P2=0.0051, P3=0.0046, P4=0.1003, P5=0.0303, b1=0.0008, b2=0.0001)
 t = np.arange(1500) * 0.01
 torque = np.where(t % 1 < 0.05, np.random.default_rng(1).uniform(-2000, 2000, len(t)), 0.0)
-angles = np.degrees(rig.simulate(t, torque / 1000).q - HANGING).round(2)
+angles = np.degrees(simulate(rig, t, torque / 1000).q - HANGING).round(2)
 
 # The first half estimates, the second validates. Of a DataFrame with columns t, q1, q2, tau1: identify(frame, ...).
 found = identify(t=t, q=angles, tau=torque, degrees=True, zero='hanging', torque_unit='mNm')

@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -243,9 +244,7 @@ def identify(  # noqa: D417
     if words and any(isinstance(each, Trajectory) for each in (*given, *validate)):
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
 
-    def load(conversion: Conversion) -> Datasets:
-        return _load(given, validate, topic, joint_names, conversion)
-
+    load = partial(_load, given, validate, topic, joint_names)
     found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
     return Identified(assemble_result(found, data.sources), (data.training, data.validation))
 
@@ -285,10 +284,7 @@ def check(
     """
     from .results.options import settings_of
 
-    def load(conversion: Conversion) -> Datasets:
-        return _load(recordings, validate, topic, joint_names, conversion)
-
-    return check_recordings(load, settings_of(options))
+    return check_recordings(partial(_load, recordings, validate, topic, joint_names), settings_of(options))
 
 
 def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dict[str, object]:
@@ -298,11 +294,7 @@ def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dic
 
 
 def _load(
-    recordings: Sequence[object],
-    validate: Sequence[object],
-    topic: str,
-    joints: Sequence[str],
-    conversion: Conversion,
+    recordings: Sequence[object], validate: Sequence[object], topic: str, joints: Sequence[str], conversion: Conversion
 ) -> Datasets:
     """Return the motions for training and for validation."""
     given = [*recordings, *validate]
@@ -326,7 +318,11 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     if isinstance(recording, Trajectory):
         motion = conversion.motion(recording.t, recording.q, recording.tau, recording.qd, recording.name)
     elif isinstance(recording, Mapping):
-        motion = _of_arrays(**recording, conversion=conversion)
+        t, q = np.asarray(recording['t'], dtype=float), np.asarray(recording['q'], dtype=float)
+        if q.shape != (*t.shape, 2):
+            raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
+        qd = None if recording['qd'] is None else np.asarray(recording['qd'], dtype=float)
+        motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, recording['tau']), qd, 'arrays')
     else:
         named = recording.reset_index() if recording.index.name else recording
         cells = [named.iloc[:, k] for k in range(named.shape[1])]
@@ -337,15 +333,6 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     # With an @ it would name a window of a file.
     window = BagWindow(Path(motion.name.replace('@', ' at ') + IN_MEMORY))
     return RecordedTrajectory(motion, window, hashlib.sha256(content).hexdigest(), True, note, taken_as)
-
-
-def _of_arrays(t: ArrayLike, q: ArrayLike, tau: ArrayLike, qd: ArrayLike | None, conversion: Conversion) -> Trajectory:
-    times, positions = np.asarray(t, dtype=float), np.asarray(q, dtype=float)
-    velocities = None if qd is None else np.asarray(qd, dtype=float)
-    if positions.shape != (*times.shape, 2):
-        raise ParameterError(f't has shape {times.shape} and q {positions.shape}; (N,) and (N, 2) are expected')
-    seconds = (times - times[:1]) * conversion.seconds
-    return conversion.motion(seconds, positions, _torques(times, tau), velocities, 'arrays')
 
 
 def simulate(
@@ -505,16 +492,6 @@ class Pendubot(Parameters, _Exportable):
 
         A, B = linearise(self)
         return A, B[:, :1]
-
-    def simulate(
-        self,
-        t: ArrayLike,
-        tau: ArrayLike = 0.0,
-        q: tuple[float, float] = HANGING,
-        qd: tuple[float, float] = (0.0, 0.0),
-    ) -> Trajectory:
-        """Return its motion, see :func:`simulate`."""
-        return simulate(self, t, tau, q, qd)
 
     @property
     def _exported(self) -> PartialResult:

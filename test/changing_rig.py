@@ -9,10 +9,11 @@ The equations are those of test/simulated_rig.py; the payload and link 2 are one
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from test.simulated_rig import C2, FC, GRAVITY, I2, L1, M2, TRUE, B, accelerations, bodies, pulses
+from test.simulated_rig import C2, FC, GRAVITY, I2, L1, M2, TRUE, B, accelerations, bodies, pulses, runge_kutta
 
 STEP = 0.0025
 WIDTH = 0.05
@@ -93,11 +94,7 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
         down = tilt * (now >= tilt_at)
         torque = np.array([acting[:, n] + hands[0, n], hands[1, n]])
         for _ in range(every):
-            a = _slope(x, torque, links, worn, down)
-            b = _slope(x + h / 2 * a, torque, links, worn, down)
-            c = _slope(x + h / 2 * b, torque, links, worn, down)
-            d = _slope(x + h * c, torque, links, worn, down)
-            x = x + h / 6 * (a + 2 * b + 2 * c + d)
+            x = runge_kutta(partial(_slope, torque=torque, links=links, worn=worn, tilt=down), x, h)
     unit = 2 * np.pi / counts
     return t, np.moveaxis(np.round(read / unit) * unit, 2, 0), tau
 

@@ -59,6 +59,38 @@ def ros():
     rclpy.try_shutdown()
 
 
+@pytest.fixture
+def run(capsys):
+    """Runs pendubot; returns its exit status, what it printed and what it said on stderr."""
+
+    from pendubot_identification.cli.main import main
+
+    def run(*arguments):
+        capsys.readouterr()
+        try:
+            status = main([*map(str, arguments)])
+        except SystemExit as stopped:
+            status = stopped.code
+        return status, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def refused(run):
+    """Runs pendubot, which is to end with this status and one line, no traceback, nothing printed; returns the line."""
+
+    def refused(*arguments, status=1):
+        ended, out, err = run(*arguments)
+        assert (ended, out) == (status, '')
+        line = err.strip().splitlines()[-1]
+        assert line.startswith('pendubot')
+        assert 'Traceback' not in err
+        return line
+
+    return refused
+
+
 @pytest.fixture(params=['python', 'c'])
 def each_board(request, monkeypatch):
     """The bridge's tests and fault trials on each board in turn; what they start as ``virtual_board`` is that one.

@@ -8,6 +8,7 @@ of a batch, shape (K,), are simulated side by side. The fields of :class:`Rig` a
 """
 
 from dataclasses import dataclass, field, fields
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -250,7 +251,7 @@ def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, held=(0.1, 0.5
         torque = acting[:, (n - behind) // every] if n >= behind else none
         e.worn = 1 - e.drift * (1 - np.exp(-(begin + n * h) / WARMING)) if e.any.drift else 1.0
         hand = hands[:, n] if hands is not None else (0.0, 0.0)
-        x = _advance(x, torque, hand, e, h)
+        x = runge_kutta(partial(_slope, wanted=torque, hand=hand, e=e), x, h)
     counts = np.broadcast_to(counts, len(seeds))
     q = np.moveaxis(read, 2, 0)
     made = zip(rngs, rigs, q, tau, counts, pushed, strict=True)
@@ -309,12 +310,12 @@ def _sampled(rng, rig, q, tau, counts, pushed, t):
     return Recording(stamps[kept], q[kept], tau[kept], pushed)
 
 
-def _advance(x, torque, hand, e, h):
-    a = _slope(x, torque, hand, e)
-    b = _slope(x + h / 2 * a, torque, hand, e)
-    c = _slope(x + h / 2 * b, torque, hand, e)
-    d = _slope(x + h * c, torque, hand, e)
-    return x + h / 6 * (a + 2 * b + 2 * c + d)
+def runge_kutta(slope, x, h):
+    """Return a state one step h later, of the classical method of order 4."""
+    a = slope(x)
+    b = slope(x + h / 2 * a)
+    c = slope(x + h / 2 * b)
+    return x + h / 6 * (a + 2 * b + 2 * c + slope(x + h * c))
 
 
 def _slope(x, wanted, hand, e):

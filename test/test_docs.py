@@ -29,18 +29,11 @@ PACKAGE = 'pendubot_identification'
 #: Those of the subcommands that need ROS, or a browser.
 LIVE = {'demo', 'studio'}
 #: What would take half a minute is done in little.
-QUICK = {'--design': ('--generations', '1', '--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
+QUICK = {'--design': ('--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
 #: Topics and services that users of the design rely on.
 SERVED = {'/joint_states', '/pendubot/effort_command', '/pendubot/params', '/pendubot/identification'}
-SERVED |= {
-    '/bridge/arm',
-    '/bridge/disarm',
-    '/bridge/confirm_zeros',
-    '/identifier/identify',
-    '/balancer/start',
-    '/balancer/stop',
-    '/effort_controller/commands',
-}
+SERVED |= {'/bridge/arm', '/bridge/disarm', '/bridge/confirm_zeros', '/balancer/start', '/balancer/stop'}
+SERVED |= {'/identifier/identify', '/effort_controller/commands'}
 every_page = pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
@@ -74,7 +67,7 @@ def test_every_subcommand_is_shown_and_no_page_writes_what_another_has_written()
     """Whoever follows the pages in one folder is not refused."""
     shown = [command for page in PAGES for command in commands(page)]
     (subparsers,) = [action for action in parser()._actions if hasattr(action, 'choices') and action.choices]
-    assert {command.split()[1] for command in shown} | LIVE >= set(subparsers.choices) - {'import-csv'}
+    assert {command.split()[1] for command in shown} | LIVE >= set(subparsers.choices)
     written = []
     for command in shown:
         written += re.findall(r'--(?:output|report) (\S+)', command)
@@ -121,21 +114,17 @@ def anchors(page):
 
 
 @pytest.mark.parametrize('page', [*PAGES, *BESIDE], ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_lead_somewhere(page):
+def test_links_lead_somewhere_and_modules_are_there(page):
     prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
+    if page not in BESIDE:
+        for path in re.findall(r'`((?:[a-z]+/)*\w+\.(?:py|c))`', prose):
+            assert list((ROOT / PACKAGE).rglob(path)), f'{page.name} names {path}'
     for target in re.findall(r'\]\(([^)]+)\)', prose):
         if not target.startswith('http'):
             path, _, anchor = target.partition('#')
             found = page.parent / path if path else page
             assert found.exists(), f'{page.name} links to {target}'
             assert not anchor or anchor in anchors(found), f'{page.name} links to {target}'
-
-
-@every_page
-def test_modules_that_are_named_are_there(page):
-    prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
-    for path in re.findall(r'`((?:[a-z]+/)*\w+\.(?:py|c))`', prose):
-        assert list((ROOT / PACKAGE).rglob(path)), f'{page.name} names {path}'
 
 
 def test_the_walks_through_the_code_name_functions_that_there_are():

@@ -1,21 +1,27 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is identified for each table: generators of outcomes, one after the other."""
+"""What is identified for each table: generators of jobs, each of which returns numbers and words of one fit."""
 
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import combinations
 
 import numpy as np
 
+from pendubot_identification.errors import PendubotError
+from pendubot_identification.identify.pipeline import identify
+from pendubot_identification.identify.prediction import predict, state_scale
+from pendubot_identification.identify.settings import Settings
+from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import choose_smoothing
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.real import RIGS, recorded
 from test.simulated_rig import CATALOGUE, SIZES, UNKNOWN, Rig, record, true
 
-from .outcome import outcome, trajectories
-
-RATES, COUNTS, RECORDINGS = (33, 100, 500, 1000, 5000), (500, 4096, 10000), 3
+RECORDINGS = 3
 STRENGTHS = ('weak', 'medium', 'strong')
+HORIZONS = 3  # of the predictions: .1, .25 and .5 s
 #: Unmodelled friction under pushes by hand.
 RUBBING = {
     'stribeck': Rig(stribeck=1.0, pushes=2),
@@ -24,89 +30,97 @@ RUBBING = {
 }
 
 
-def each(jobs, processes):
-    """Yield the outcomes of jobs, in several processes if more than one is asked for."""
-    if processes == 1:
-        yield from (job() for job in jobs)
-        return
-    with ProcessPoolExecutor(processes) as pool:
-        yield from pool.map(_call, jobs)
-
-
-def _call(job):
+def call(job):
     return job()
 
 
-def real(only=RIGS, test=False):
+def fit(training, *, truth=None, scored=(), bare=False, **key):
+    """Identify and return what tables need: of a refusal its level alone.
+
+    ``truth``: the true parameters by name. ``scored``: recordings to predict. ``bare``: identify once more without
+    compensation, for its error. ``key``: what distinguishes it from others.
+    """
+    try:
+        found = identify(training)
+    except PendubotError:
+        return key | {'level': 'refused', 'effects': []}
+    best, accepted = found.best, [effect.name for effect in found.effects if effect.accepted]
+    width = best.intervals[:, 1] - best.theta
+    result = key | {'level': found.level.name, 'effects': accepted, 'theta': best.theta, 'half_width': width}
+    if truth:
+        result['error'] = errors(best.theta, truth)
+        rows = zip(NAMES, best.intervals, strict=False)
+        result['held'] = {name: low <= truth[name] <= high for name, (low, high) in rows if name in truth}
+        if bare:
+            result['bare'] = errors(identify(training, (), Settings(compensate=False)).best.theta, truth)
+    if scored:
+        motions = [Motion.prepare(each, choose_smoothing(scored), best.effort.hold) for each in scored]
+        predicted = [predict([m], best.theta, best.effort.delay, state_scale(motions)) for m in motions]
+        result['prediction'] = np.sqrt(np.mean([p.error[:HORIZONS] ** 2 for p in predicted], axis=0))
+    return result
+
+
+def errors(theta, truth):
+    """Return the largest relative error of P1 to P5 [%]."""
+    return max(100 * abs(value / truth[name] - 1) for name, value in zip(NAMES[:5], theta, strict=False))
+
+
+def real(test=False):
     """Yield the jobs of shared recordings: every one left out, every split in halves; or train against test alone."""
-    for rig in only:
+    for rig in RIGS:
         train = recorded(rig, 'train')
         if test:
             other = recorded(rig, 'test')
-            yield partial(outcome, train, scored=other, group=rig, kind='test', pair=0)
-            yield partial(outcome, other, scored=train, group=rig, kind='test', pair=0)
+            yield partial(fit, train, scored=other, group=rig, kind='test', pair=0)
+            yield partial(fit, other, scored=train, group=rig, kind='test', pair=0)
             continue
         for k, motion in enumerate(train):
-            rest = train[:k] + train[k + 1 :]
-            yield partial(outcome, rest, scored=[motion], group=rig, kind='left out', pair=None, fitted=motion.name)
-        for pair, half in enumerate(halves(len(train))):
+            yield partial(fit, train[:k] + train[k + 1 :], scored=[motion], group=rig, kind='left out', pair=None)
+        # Each split once; of an odd number the smaller part.
+        halves = list(combinations(range(len(train)), len(train) // 2))
+        for pair, half in enumerate(halves if len(train) % 2 else halves[: len(halves) // 2]):
             yield from both(train, half, group=rig, kind='halves', pair=pair)
-
-
-def halves(count):
-    """Return every half of so many recordings, each split once; of an odd number the smaller part."""
-    found = list(combinations(range(count), count // 2))
-    return found if count % 2 else found[: len(found) // 2]
 
 
 def both(recordings, half, **key):
     """Yield the jobs of one half, scored on the other, and the reverse."""
     one = [recordings[k] for k in half]
     other = [recordings[k] for k in range(len(recordings)) if k not in half]
-    yield partial(outcome, one, scored=other, **key)
-    yield partial(outcome, other, scored=one, **key)
+    yield partial(fit, one, scored=other, **key)
+    yield partial(fit, other, scored=one, **key)
 
 
-def clean(seeds, sizes=tuple(SIZES), rates=RATES, counts=COUNTS, numbers=(1, 2, 3)):
+def simulated(rigs, seeds, number=RECORDINGS, **how):
+    """Yield name, seed and motions of each of the rigs by name: so many recordings of 10 s."""
+    lanes = [(name, seed, k) for name in rigs for seed in range(seeds) for k in range(number)]
+    begin = np.array([10.0 * k for *_, k in lanes])
+    made = record([100 * seed + k for _, seed, k in lanes], [rigs[name] for name, *_ in lanes], begin=begin, **how)
+    for n in range(0, len(lanes), number):
+        motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in made[n : n + number]]
+        yield *lanes[n][:2], motions
+
+
+def clean(seeds, rates, counts, numbers):
     """Yield the jobs of rigs without effects: by size, rate, counts a turn and number of recordings of 10 s."""
-    for size in sizes:
-        rig = SIZES[size]
-        for rate in rates:
-            lanes = [(c, seed, k) for c in counts for seed in range(seeds) for k in range(RECORDINGS)]
-            made = record(
-                [100 * seed + k for _, seed, k in lanes],
-                [rig] * len(lanes),
-                rate=rate,
-                counts=np.array([c for c, *_ in lanes]),
-            )
-            for n in range(0, len(lanes), RECORDINGS):
-                motions = trajectories(made[n : n + RECORDINGS])
+    for rate in rates:
+        for count in counts:
+            for size, seed, motions in simulated(SIZES, seeds, rate=rate, counts=count):
                 for number in numbers:
-                    key = {'size': size, 'rate': rate, 'counts': lanes[n][0], 'number': number, 'seed': lanes[n][1]}
-                    yield partial(outcome, motions[:number], truth=true(rig), **key)
+                    key = {'size': size, 'rate': rate, 'counts': count, 'number': number, 'seed': seed}
+                    yield partial(fit, motions[:number], truth=true(SIZES[size]), **key)
 
 
-def imperfect(effects, seeds, strengths=STRENGTHS):
+def imperfect(effects, seeds, strengths):
     """Yield the jobs of rigs with each effect: three recordings of 10 s at 200 Hz and 4096 counts a turn."""
-    cells = [(name, strength) for name in effects for strength in strengths]
-    rigs = {cell: (CATALOGUE | UNKNOWN)[cell[0]][STRENGTHS.index(cell[1])] for cell in cells}
-    lanes = [(cell, seed, k) for cell in cells for seed in range(seeds) for k in range(RECORDINGS)]
-    made = record(
-        [100 * seed + k for _, seed, k in lanes],
-        [rigs[cell] for cell, *_ in lanes],
-        begin=np.array([10.0 * k for *_, k in lanes]),
-    )
-    for n in range(0, len(lanes), RECORDINGS):
-        cell, seed, _ = lanes[n]
-        key = {'effect': cell[0], 'strength': cell[1], 'seed': seed}
-        yield partial(outcome, trajectories(made[n : n + RECORDINGS]), truth=true(rigs[cell]), bare=True, **key)
+    known = CATALOGUE | UNKNOWN
+    rigs = {(name, how): known[name][STRENGTHS.index(how)] for name in effects for how in strengths}
+    for (name, how), seed, motions in simulated(rigs, seeds):
+        truth = true(rigs[name, how])
+        yield partial(fit, motions, truth=truth, bare=name in CATALOGUE, effect=name, strength=how, seed=seed)
 
 
 def pushed(seeds):
     """Yield the jobs of rigs with unmodelled friction and pushes: the halves of six recordings."""
-    lanes = [(name, seed, k) for name in RUBBING for seed in range(seeds) for k in range(2 * RECORDINGS)]
-    made = record([100 * seed + k for _, seed, k in lanes], [RUBBING[name] for name, *_ in lanes])
-    for n in range(0, len(lanes), 2 * RECORDINGS):
-        name, seed, _ = lanes[n]
-        key = {'group': name, 'kind': 'halves', 'pair': seed, 'truth': true(RUBBING[name])}
-        yield from both(trajectories(made[n : n + 2 * RECORDINGS]), range(RECORDINGS), **key)
+    for name, seed, motions in simulated(RUBBING, seeds, 2 * RECORDINGS):
+        truth = true(RUBBING[name])
+        yield from both(motions, range(RECORDINGS), group=name, kind='halves', pair=seed, truth=truth)

@@ -12,20 +12,15 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from mcap.records import Channel, Schema
-from mcap.writer import CompressionType, Writer
 
 from benchmarks.speed import measure
 from benchmarks.speed.measure import REPETITIONS, seconds
-from pendubot_identification.recordings.bag_writer import information, write_metadata
+from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
-from pendubot_identification.recordings.message_types import message_definition
 from test.conftest import ROOT
 
 #: A recording of a day's work: 3.6 million messages.
 RATE, SECONDS = 1000, 3600
-#: As rosbag2 writes them, and as this package's recorder flushes them ten times a second.
-CHUNKS = {'768 kB': 786_432, '0.1 s': 18_000}
 #: What rosbags reads of it, from which all of it is extrapolated.
 SHARE = 30
 
@@ -63,33 +58,20 @@ with AnyReader([Path(sys.argv[1])]) as reader:
 )
 
 
-def sines(count):
-    """Return positions, velocities and efforts that move."""
+def write(path, count):
+    """Write a moving rig as the recorder does."""
     t = np.arange(count) / RATE
-    return np.sin([3 * t, 2 * t]).T, np.cos([3 * t, 2 * t]).T, np.stack([np.sin(7 * t), 0 * t], axis=1)
-
-
-def write(path, columns, chunk_size):
-    """Write a bag of one file, quickly."""
-    count = len(columns[0])
+    columns = np.sin([3 * t, 2 * t]).T, np.cos([3 * t, 2 * t]).T, np.stack([np.sin(7 * t), 0 * t], axis=1)
     message = bytearray(encode_joint_state(EPOCH_NS, JOINT_NAMES, [1, 1], [2, 2], [3, 3]))
     places = [message.index(struct.pack('<d', number)) for number in (1, 2, 3)]
-    with path.open('wb') as file:
-        writer = Writer(file, chunk_size=chunk_size, compression=CompressionType.NONE)
-        writer.start(profile='ros2')
-        schema = writer.register_schema(JOINT_STATE, 'ros2msg', message_definition(JOINT_STATE).text.encode())
-        channel = writer.register_channel('/joint_states', 'cdr', schema, {'offered_qos_profiles': ''})
+    with BagWriter(path) as bag:
+        channel = bag.add_topic('/joint_states', JOINT_STATE)
         for k in range(count):
             stamp = EPOCH_NS + k * (1_000_000_000 // RATE)
             struct.pack_into('<iI', message, 4, *divmod(stamp, 1_000_000_000))
             for first, column in zip(places, columns, strict=True):
                 message[first : first + 16] = column[k].tobytes()
-            writer.add_message(channel, stamp, bytes(message), stamp, k)
-        writer.finish()
-    definition = message_definition(JOINT_STATE)
-    described = {'offered_qos_profiles': '', 'topic_type_hash': definition.type_hash}
-    topics = {1: (Schema(1, b'', 'ros2msg', JOINT_STATE), Channel(1, '/joint_states', 'cdr', described, 1))}
-    write_metadata(path.parent, information(path.name, topics, {1: count}, EPOCH_NS, stamp))
+            bag.write(channel, bytes(message), stamp, sequence=k)
 
 
 def run(program, *arguments):
@@ -104,20 +86,15 @@ def measured(program, *arguments):
     return statistics.median(times), max(memory), counts[0]
 
 
-def hour(duration=SECONDS):
-    rows = ['| chunks | what | time | memory | rosbags, the same | ratio |', '|---|---|---|---|---|---|']
+def hour():
+    rows = ['| what | time | memory | rosbags, the same | ratio |', '|---|---|---|---|---|']
     with tempfile.TemporaryDirectory() as folder:
-        for name, size in CHUNKS.items():
-            bag = Path(folder, name.replace(' ', ''))
-            bag.mkdir()
-            write(bag / 'bag_0.mcap', sines(duration * RATE), size)
-            theirs, _, count = measured(THEIRS, bag, duration / SHARE)
-            for what, window in (('10 s from the middle', (duration / 2, duration / 2 + 10)), ('all of it', ())):
-                spent, memory, read = measured(OURS, bag, *window)
-                same = theirs / count * read
-                rows.append(
-                    f'| {name} | {what}, {read} messages | {seconds(spent)} | {memory:.0f} MB | {seconds(same)} '
-                    f'| {same / spent:.3g} |'
-                )
-            (bag / 'bag_0.mcap').unlink()
+        bag = Path(folder, 'hour')
+        write(bag, SECONDS * RATE)
+        theirs, _, count = measured(THEIRS, bag, SECONDS / SHARE)
+        for what, window in (('10 s from the middle', (SECONDS / 2, SECONDS / 2 + 10)), ('all of it', ())):
+            spent, memory, read = measured(OURS, bag, *window)
+            same = theirs / count * read
+            what = f'{what}, {read} messages'
+            rows.append(f'| {what} | {seconds(spent)} | {memory:.0f} MB | {seconds(same)} | {same / spent:.3g} |')
     return '\n'.join(rows)

@@ -32,7 +32,7 @@ from pendubot_identification.identify.prediction import ASSESSED, HORIZONS, STRI
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
-from test.conftest import RECORDINGS
+from test.real import recorded
 
 #: P1 P2 P3 P4 P5 b1 b2 Fc1 Fc2 J2, from the README beside the recordings.
 PUBLISHED = {
@@ -203,14 +203,11 @@ def rows(rig, train, test, guess):
 
 def rigs(use_test):
     """Return by name what fits, what is predicted, and the rig that is guessed."""
-    found, roles = {}, [line.split(',') for line in (RECORDINGS / 'manifest.csv').read_text().splitlines()[1:]]
+    found = {}
     for group, theta in PUBLISHED.items():
-        train, test = (
-            [pendubot.read(RECORDINGS / row[0]) for row in roles if row[1:3] == [group, role]]
-            for role in ('train', 'test' if use_test else '')
-        )
-        guess = pendubot.Pendubot(**dict(zip(TEN, theta, strict=True)))
-        found[group] = (train, test, guess) if use_test else (train[:-1], train[-1:], guess)
+        train, guess = recorded(group, 'train'), pendubot.Pendubot(**dict(zip(TEN, theta, strict=True)))
+        test = recorded(group, 'test') if use_test else [train.pop()]
+        found[group] = train, test, guess
     return found
 
 

@@ -9,6 +9,7 @@ It begins with the same first fit as the tracker, and knows its random walks.
 import numpy as np
 
 from pendubot_identification.model.dynamics import accelerations
+from test.simulated_rig import runge_kutta
 
 
 def kalman(t, q, tau, theta, *, walk, known=0.02, counts=4096, every=1.0, rate=200.0):
@@ -53,9 +54,4 @@ def _advance(x, tau, scale, h):
         q1, q2, v1, v2 = np.moveaxis(state, -1, 0)
         return np.stack([v1, v2, *accelerations(theta, q1, q2, v1, v2, tau, 0.0)], axis=-1)
 
-    begin = x[..., :4]
-    a = slope(begin)
-    b = slope(begin + h / 2 * a)
-    c = slope(begin + h / 2 * b)
-    d = slope(begin + h * c)
-    return np.concatenate([begin + h / 6 * (a + 2 * b + 2 * c + d), x[..., 4:]], axis=-1)
+    return np.concatenate([runge_kutta(slope, x[..., :4], h), x[..., 4:]], axis=-1)

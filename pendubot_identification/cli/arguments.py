@@ -24,10 +24,11 @@ from pendubot_identification.trajectories.conventions import CONVERSION
 
 #: The levels from which on the exit status of ``identify`` is 3.
 FAILING = {'warn': 1, 'error': 2, 'never': 3}
-#: Formats of ``export``, and the earlier names of two of them.
-FORMATS, EARLIER = ('mjcf', 'urdf', 'yaml', 'm', 'h', 'py'), {'matlab': 'm', 'c': 'h'}
+#: Formats of ``export``.
+FORMATS = ('mjcf', 'urdf', 'yaml', 'm', 'h', 'py')
 STATUS = 'exit status: 0 success, 1 a failure explained in one line, 2 wrong usage, 3 a result of level ERROR'
 WINDOW, RESULT, EXCITER = 'BAG[@START:END]', 'RESULT.yaml', 'EXCITER.yaml'
+JSON, FIGURES = 'print JSON and nothing else', 'add the figures of the report as SVG and PNG'
 
 
 def parser() -> argparse.ArgumentParser:
@@ -59,11 +60,10 @@ def parser() -> argparse.ArgumentParser:
     }.items():
         description, *examples = cleandoc(define.__doc__ or '').split('\n\nExamples:')
         epilog = '\n'.join([*(f'examples:{text}' for text in examples), STATUS])
-        aliases = ['import-csv'] if name == 'import' else []
-        made = subparsers.add_parser(name, aliases=aliases, help=words, description=description, epilog=epilog)
+        made = subparsers.add_parser(name, help=words, description=description, epilog=epilog)
         made.set_defaults(subcommand=name, parser=made)
         define(made)
-    for each in {top, *subparsers.choices.values()}:
+    for each in (top, *subparsers.choices.values()):
         # A default of False in a subcommand would undo a --debug before it.
         each.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help='show tracebacks')
     return top
@@ -109,10 +109,6 @@ def _force(group: Any, what: str = 'an existing file') -> None:
     _switch(group, '--force', f'overwrite {what}')
 
 
-def _json(group: Any) -> None:
-    _switch(group, '--json', 'print JSON and nothing else')
-
-
 def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
     """Add settings as options; the value of an option that is not given is None."""
     for setting in settings:
@@ -132,8 +128,8 @@ def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
         )
 
 
-def _reading(parser: Any, *, joints: bool = False, save: bool = False) -> None:
-    """Add the options by which recordings are read."""
+def _reading(parser: Any, *, joints: bool = False) -> Any:
+    """Add the options by which recordings are read, and return their group."""
     group = parser.add_argument_group('how recordings are read', 'applied in this order, to each recording')
     names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'gear': 'N', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
     _settings(group, *CONVERSION, **names)
@@ -141,14 +137,16 @@ def _reading(parser: Any, *, joints: bool = False, save: bool = False) -> None:
         'take options from a YAML file, one of --save-settings, or a result; options given here override it. It alone '
         f'has {", ".join(option.name for option in EXPERT)} of identify, see config/identifier.yaml'
     )
-    group.add_argument('--settings', '--map', type=Path, metavar='FILE', help=words)
-    if save:
-        words = 'keep the options of this group in a file'
-        group.add_argument('--save-settings', '--save-map', type=Path, metavar='FILE', help=words)
+    _path(group, '--settings', 'FILE', words)
     if joints:
-        group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
-        words = 'joint names in a bag (default %(default)s)'
-        group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
+        _joints(group)
+    return group
+
+
+def _joints(group: Any) -> None:
+    group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
+    words = 'joint names in a bag (default %(default)s)'
+    group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
 
 
 def _outputs(parser: Any, what: str) -> Any:
@@ -156,29 +154,20 @@ def _outputs(parser: Any, what: str) -> Any:
     group = parser.add_argument_group('output')
     _path(group, '--output', RESULT, f'write {what} here')
     _path(group, '--report', 'DIR', 'write a page with figures, report.html, and the result there')
-    _figures(group)
+    _switch(group, '--figures', FIGURES)
     _force(group, 'an existing result or report')
-    _json(group)
+    _switch(group, '--json', JSON)
     return group
-
-
-def _figures(group: Any) -> None:
-    _switch(group, '--figures', 'add the figures of the report as SVG and PNG')
-
-
-def _reference(group: Any) -> None:
-    _path(group, '--reference', RESULT, 'parameters shown beside the estimated ones: an earlier result, or by hand')
 
 
 def _identify(parser: Any) -> None:
     """Estimate the parameters of a rig from its recordings and write them to a result file.
 
-    BAG is the folder of a bag or its .mcap file, also of one that was never closed, or a file with columns: .csv, .mat,
-    .xlsx or .parquet (see pendubot import --help). @START:END selects a window, in seconds from the first sample. Of
-    one bag without a window the first half estimates and the second validates, as in the paper. With a window, the rest
-    of the bag validates, except parts shorter than a second. Several bags without windows all estimate, and each is
-    predicted from the others. A window is at most ten minutes long, or three minutes with more than 200 000 samples;
-    for a longer recording, the message names its informative windows. Of a longer rest, the first minute validates.
+    BAG is a bag, closed or not, or a file with columns (see pendubot import --help). @START:END selects seconds from
+    the first sample. Of one bag without a window the first half estimates and the second validates, as in the paper.
+    With a window, the rest of the bag validates, except parts shorter than a second. Several bags without windows all
+    estimate, and each is predicted from the others. A window lasts at most ten minutes, or three minutes with more than
+    200 000 samples; of a longer recording the message names the informative windows.
 
     Three criteria can be minimised. The likelihood is the default. MDE minimises the paper's energy in every
     identification; its answer stands beside the published one:
@@ -192,17 +181,13 @@ def _identify(parser: Any) -> None:
       geared      and Stribeck friction and friction under load, Fs1 Fs2 k1 k2
 
     Examples:
-      pendubot identify swing                                     one half of a bag estimates, the other validates
       pendubot identify swing --criterion energy --model viscous --spread 0   as in the paper, all 4000 generations
       pendubot identify swing@0:9 --validate swing@9:18           windows of your own
       pendubot identify a b c --validate d --output result.yaml   several recordings pooled
-      pendubot identify swing --criterion energy --sliding 0.3    energy over windows of 0.3 s
       pendubot identify swing --hold linear --delay 0:0.02        a torque that was measured, and late
       pendubot identify swing --delay=-0.02:0.02                  a negative number needs the =
       pendubot identify run.mat --columns q1=th1,q2=th2,tau1=u --degrees --zero hanging   your own
       pendubot identify run.csv --apply-remedies                  read as its faults require; the result says how
-      pendubot identify swing --fix b2=0                          a parameter that is known
-      pendubot identify swing --report look                       a page with figures, look/report.html
       pendubot identify swing --settings lab.yaml                 options by name, such as "model: viscous"
     """
     parser.add_argument('bags', nargs='+', metavar=WINDOW, help='recordings that estimate')
@@ -213,9 +198,8 @@ def _identify(parser: Any) -> None:
     what.add_argument('--bounds', '--fix', action='append', default=[], metavar='NAME=LOW:HIGH', help=words)
     _settings(parser.add_argument_group('how the data are taken'), *DATA, APPLY_REMEDIES, delay='LOW:HIGH')
     _settings(parser.add_argument_group('how it is minimised'), *HOW, start=RESULT)
-    _reading(parser, joints=True, save=True)
+    _path(_reading(parser, joints=True), '--save-settings', 'FILE', 'keep the options of this group in a file')
     output = _outputs(parser, 'the result')
-    _reference(output)
     words = 'the level of the result from which on the exit status is 3 (default %(default)s)'
     output.add_argument('--fail-on', default='error', choices=FAILING, help=words)
     _switch(output, '--verbose', 'print all tables and remarks')
@@ -225,14 +209,11 @@ def _track(parser: Any) -> None:
     """Follow the parameters of a rig through recordings of any length, one after the other as if they were one: their
     newest values with intervals, and every change with its time. Memory does not grow with the length.
 
-    The first eight seconds of motion are identified. From then on every 0.4 s of motion updates the estimate. Friction
-    may drift; inertias and weights change only in steps, such as a payload. A disturbance, such as a push by hand, is
-    recognised and ignored. Last come the informative windows: those with most motion between two changes.
+    Friction may drift; inertias and weights change only in steps, such as a payload. A disturbance, such as a push by
+    hand, is ignored. Last come the informative windows: those with most motion between two changes.
 
     Examples:
-      pendubot track day                               a bag of hours
       pendubot track morning.csv evening.csv           two recordings of one rig, one after the other
-      pendubot track day --start monday.yaml           begins with the result of Monday
       pendubot track day --output now.yaml --report look   the newest parameters, and a page, look/report.html
     """
     parser.add_argument('bags', nargs='+', metavar=WINDOW, help='recordings, in the order of time')
@@ -243,24 +224,18 @@ def _track(parser: Any) -> None:
 
 
 def _report(parser: Any) -> None:
-    """Make a report of a result: one HTML page, which needs no network and prints well.
-    It shows the data with their windows, measured and simulated motion, the residuals of every criterion, the
-    convergence of MDE, the parameters with their intervals, what the motion excites, all warnings, and where everything
-    comes from. With each figure stands what a good one looks like.
-
-    The bags that the result names are read again. If one has been moved or changed, the report says so and leaves out
-    the figures that need it.
+    """Make a report of a result: one HTML page, which needs no network. The bags that the result names are read again.
+    If one has been moved or changed, the report says so and leaves out the figures that need it.
 
     Examples:
-      pendubot report result.yaml                                 into the folder result_report
       pendubot report result.yaml --reference last_week.yaml      last week's parameters beside these
       pendubot report result.yaml --bags ~/recordings --output there
     """
     _path(parser, 'result', RESULT, 'a file that pendubot identify wrote')
     _path(parser, '--output', 'DIR', 'folder of the report (default: RESULT_report beside the result)')
     _path(parser, '--bags', 'FOLDER', 'where the bags lie now (default: where the result says)')
-    _figures(parser)
-    _reference(parser)
+    _switch(parser, '--figures', FIGURES)
+    _path(parser, '--reference', RESULT, 'parameters shown beside the estimated ones: an earlier result, or by hand')
     _force(parser, 'files in a folder that is not empty')
 
 
@@ -273,13 +248,14 @@ def _compare(parser: Any) -> None:
     differ may predict equally well; then the difference does not matter to a controller.
 
     Examples:
-      pendubot compare monday.yaml friday.yaml
       pendubot compare monday.yaml friday.yaml --on swing@9:18    on motion that neither was estimated from
     """
     _path(parser, 'results', RESULT, 'two or more results', nargs='+')
     parser.add_argument('--on', metavar=WINDOW, help='a recording whose motion each of them predicts')
-    _reading(parser, joints=True)
-    _json(parser)
+    group = parser.add_argument_group('how it is read')
+    _path(group, '--settings', 'FILE', 'its options, from a file of --save-settings or a result')
+    _joints(group)
+    _switch(parser, '--json', JSON)
 
 
 def _excite(parser: Any) -> None:
@@ -288,11 +264,9 @@ def _excite(parser: Any) -> None:
     they are known now, within limits of torque, speed and angles. It is written as a parameter file of the exciter.
 
     Examples:
-      pendubot excite --design --torque 1 --speed 30 --output exciter.yaml         for the paper's rig
-      pendubot excite --design --torque 1 --speed 20 --from result.yaml            for yours; 20 rad/s at most
+      pendubot excite --design --torque 1 --speed 20 --from result.yaml --output exciter.yaml
       pendubot excite --design --torque 1 --speed 20 --angle 1.5 6.3               cables: a quarter turn, one turn
       pendubot excite --check exciter.yaml --from result.yaml                      its motion and its information
-      pendubot excite --check exciter.yaml --speed 20                              does it stay below 20 rad/s?
 
     then: ros2 run pendubot_identification exciter --ros-args --params-file exciter.yaml
     A rig differs from its estimate: watch the first run, with a hand at the emergency stop.
@@ -312,11 +286,8 @@ def _excite(parser: Any) -> None:
     _number(how, '--duration', 18.0, 'S', 'of the excitation')
     _number(how, '--rate', 100.0, 'HZ', 'sampling rate')
     _number(how, '--counts', 4000, 'N', 'encoder counts per turn')
-    search = parser.add_argument_group('search and output')
-    _number(search, '--seed', 1, 'SEED', 'same seed, same design')
-    _number(search, '--generations', 30, 'N', 'of the search, 80 trains each')
-    _path(search, '--output', EXCITER, "write the exciter's parameter file here")
-    _force(search)
+    _path(parser, '--output', EXCITER, "write the exciter's parameter file here")
+    _force(parser)
 
 
 def _export(parser: Any) -> None:
@@ -335,13 +306,12 @@ def _export(parser: Any) -> None:
 
     Examples:
       pendubot export result.yaml --output pendubot.xml              the suffix selects the format; .xml is mjcf
-      pendubot export result.yaml --output pendubot.urdf --torque-limit 0.5
       pendubot export result.yaml --output pendubot.urdf --revolute   one coordinate a joint in Pinocchio
       pendubot export result.yaml --format h > pendubot.h
     """
     _path(parser, 'result', RESULT, 'a result of pendubot identify, or parameters by hand')
     words = "default: by the output's suffix"
-    parser.add_argument('--format', choices=FORMATS, type=lambda name: EARLIER.get(name, name), help=words)
+    parser.add_argument('--format', choices=FORMATS, help=words)
     _path(parser, '--output', 'FILE', 'write it here (default: print it)')
     simulators = parser.add_argument_group('for mjcf and urdf')
     words = 'of link 1, from joint to joint, measured (default: P3 / P5)'
@@ -352,20 +322,15 @@ def _export(parser: Any) -> None:
 
 
 def _import(parser: Any) -> None:
-    """Turn a file with columns into a bag with the topic /joint_states, as the recorder writes it, and describe the
-    motion. identify, track, info and compare read such files themselves; a bag is for ROS.
+    """Turn a file with columns into a bag with the topic /joint_states, as the recorder writes it. identify, track,
+    info and compare read such files themselves; a bag is for ROS.
 
-      .csv .txt .tsv   a line of column names, then rows; separated by commas, semicolons or tabs
-      .mat             MATLAB's variables, or the fields of a struct; q with two columns is q1 and q2. 7.3 needs h5py
-      .xlsx            the first sheet: a row of column names, then rows. Needs pandas and openpyxl
-      .parquet         needs pandas and pyarrow
-
-    The columns are by default t [s], q1, q2 (angles of shoulder and elbow, [rad]), tau1 (torque at the shoulder, [N m])
-    and, if they are there, tau2 (torque at the elbow, else 0), dq1, dq2 (velocities, [rad/s]). The torque of a row is
-    applied from that row until the next.
+    A file is text (.csv .txt .tsv), MATLAB's (.mat), numpy's (.npz), Excel's (.xlsx) or .parquet. Its columns are by
+    default t [s], q1, q2 (angles of shoulder and elbow, [rad]), tau1 (torque at the shoulder, [N m]) and, if they are
+    there, tau2 (torque at the elbow, else 0), dq1, dq2 (velocities, [rad/s]). The torque of a row is applied from that
+    row until the next.
 
     Examples:
-      pendubot import run.csv --output run
       pendubot import run.mat --output run --columns t=time,q1=th1,q2=th2,tau1=u --degrees --zero hanging
       pendubot import other.mat --output other --settings lab.yaml      as kept by --save-settings lab.yaml
     """
@@ -382,10 +347,6 @@ def _simulate(parser: Any) -> None:
     Examples:
       pendubot simulate --output swing --samples 900 --seed 7
       pendubot simulate --output designed --excitation exciter.yaml --parameters rig.yaml
-
-    parameters by hand, as a RESULT.yaml: those from P1 to b2, and of Fc1 Fc2 J2 Fs1 Fs2 k1 k2 those that are not 0
-      schema: 1
-      parameters: {P1: {value: 0.0022}, P2: {value: 0.0004}, ..., b2: {value: 0.0001}, Fc1: {value: 0.002}}
     """
     _path(parser, '--output', 'BAG', 'the folder of the new bag', required=True)
     _number(parser, '--samples', 1800, 'N', 'length of the recording')
@@ -401,12 +362,7 @@ def _simulate(parser: Any) -> None:
 
 
 def _info(parser: Any) -> None:
-    """Describe the content of a bag: its topics, how many messages of each, how often and how regularly, how long it
-    lasts, whether its recording was closed, and what is damaged or missing. The .mcap files themselves are read from
-    beginning to end, so this is also right if metadata.yaml is missing or stale.
-
-    Of each topic:
-      rate       messages per second, from its first to its last
+    """Describe the content of a bag from its .mcap files: whether it was closed, damage, and of each topic
       jitter     deviation of an interval from the median interval, 99th percentile
       gaps       intervals longer than 1.5 median intervals, how many messages would fill them, start of the first
       latency    from the stamp to the recorder: median and maximum
@@ -418,8 +374,8 @@ def _info(parser: Any) -> None:
     values, and probable mistakes in the units.
     """
     _path(parser, 'bag', 'BAG', 'a bag folder or a .mcap file, closed or not, or a file with columns')
-    _reading(parser, save=True)
-    _json(parser)
+    _reading(parser)
+    _switch(parser, '--json', JSON)
 
 
 def _repair(parser: Any) -> None:
@@ -434,17 +390,16 @@ def _repair(parser: Any) -> None:
     _path(parser, 'bag', 'BAG', 'a bag folder or a .mcap file, closed or not')
     _path(parser, '--output', 'BAG', 'the folder of the copy (default: BAG_repaired)')
     _force(parser, 'a bag of the name of the copy')
-    _json(parser)
+    _switch(parser, '--json', JSON)
 
 
 def _reproduce(parser: Any) -> None:
-    """Reproduce the paper: its tables and figures from this package's own runs, each number beside the paper's, in one
+    """Reproduce the paper: its tables and Figure 1 from this package's own runs, each number beside the paper's, in one
     folder with an index.md to read. It takes less than a minute.
 
       table4      errors of PSO, DE, HDE and MDE on four functions; whether MDE is ahead; times
       figure1     their convergence
       table7      J of ten identifications on the sample bag     table8      the parameters
-      dataset     the recording                                  fit         how the parameters explain it
       threshold   the sweep of the threshold, which the paper mentions
       operator    its operator drawn per component against per vector
       dimensions  beyond the paper: 2, 10 and 30 dimensions, equal budgets, rank-sum tests
@@ -457,7 +412,6 @@ def _reproduce(parser: Any) -> None:
     _number(parser, '--seed', 1, 'SEED', 'of all random numbers')
     _path(parser, '--output', 'DIR', 'a new folder (default %(default)s)', default=Path('reproduction'))
     _force(parser, 'files in a folder that is not empty')
-    _json(parser)
 
 
 def _demo(parser: Any) -> None:
@@ -471,16 +425,11 @@ def _demo(parser: Any) -> None:
 
 
 def _studio(parser: Any) -> None:
-    """Open a page in the browser that leads from recordings to parameters. Drop files, correct columns and units by
-    menus, see the checks of stamps, gaps, limits, conventions and excitation, start the fit, stop it, and take page,
-    result, exports and the command line that does the same. Where ROS is, the page also shows the running rig,
-    read-only.
-
-    Only browsers on this computer that know the token in the address are answered, and nothing comes from a network.
-    Files stay in a private folder, which is deleted with the page or with the studio.
+    """Open a page in the browser that leads from recordings to parameters. Where ROS is, it also shows the running rig,
+    read-only. Only browsers on this computer that know the token in the address are answered, and nothing comes from a
+    network. Files stay in a private folder, which is deleted with the page or with the studio.
 
     Examples:
-      pendubot studio                     opens the page, and drops follow
       pendubot studio swing run.csv       with recordings
     """
     parser.add_argument('files', nargs='*', metavar='BAG', help='recordings to begin with')
@@ -489,14 +438,12 @@ def _studio(parser: Any) -> None:
 
 
 def _completion(parser: Any) -> None:
-    """Print a script with which a shell completes subcommands, options, their choices and the names of files. It is
-    made by shtab (pip install shtab) and starts no program. Make it again after an update. Once:
+    """Print a script with which a shell completes subcommands, options, their choices and the names of files
+    (pip install shtab). Make it again after an update.
 
       bash   pendubot completion bash > ~/.local/share/bash-completion/completions/pendubot
       zsh    pendubot completion zsh > ~/.zfunc/_pendubot     with fpath+=~/.zfunc before compinit in ~/.zshrc
       fish   pendubot completion fish > ~/.config/fish/completions/pendubot.fish
-
-    or for this shell alone, bash: source <(pendubot completion bash)
     """
     default, words = Path(os.environ.get('SHELL') or 'bash').name, 'which one (default: that of $SHELL)'
     parser.add_argument('shell', nargs='?', choices=('bash', 'zsh', 'fish'), default=default, help=words)

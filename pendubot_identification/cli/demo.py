@@ -75,7 +75,7 @@ HOLD, PATIENCE = 10.0, 60.0
 PAUSE = 2.0
 
 
-def run(args: argparse.Namespace) -> int:
+def run_demo(args: argparse.Namespace) -> int:
     """Run one of the demonstrations in a new folder."""
     if args.output is not None and args.output.exists():
         raise PendubotError(f'{args.output} exists already and was left as it is; name a folder that does not')

@@ -11,20 +11,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pendubot_identification.errors import ParameterError, UsageError, wrong_usage
-from pendubot_identification.excitation.design import Experiment, Limits, design, predict
+from pendubot_identification.excitation.design import SETTINGS, Experiment, Limits, design, predict
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.excitation.exciter_file import read_exciter, write_exciter
 from pendubot_identification.files import refuse_input, refuse_unwritable
 from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.optimizers.mde import MDESettings
-from pendubot_identification.optimizers.optimizer import require_runs
 from pendubot_identification.report.tables import excitation_table, motion_lines
 from pendubot_identification.results.result_file import read_estimate
 
 from .terminal import progress_bar
 
 
-def run(args: argparse.Namespace) -> int:
+def run_excite(args: argparse.Namespace) -> int:
     """Design or check, show, write."""
     parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
     if args.design and (args.torque is None or args.speed is None):
@@ -41,17 +39,13 @@ def run(args: argparse.Namespace) -> int:
     with wrong_usage():
         limits = Limits(**{name: limit for name, limit in given.items() if limit is not None}, angle=tuple(args.angle))
         experiment = Experiment(args.duration, 1 / args.rate, args.counts)
-        # Settings that the search would refuse are wrong usage; parameters of the rig are not.
-        MDESettings(generations=args.generations)
-        require_runs(1, 1, args.seed)
     if args.design:
         with progress_bar() as bar:
 
             def progress(done: int, best: float) -> None:
-                bar('designing, generation', done, args.generations, math.nan)
+                bar('designing, generation', done, SETTINGS.generations, math.nan)
 
-            search = {'generations': args.generations, 'seed': args.seed}
-            found = design(parameters, limits, experiment, uncertainty=errors, progress=progress, **search)
+            found = design(parameters, limits, experiment, uncertainty=errors, progress=progress)
     else:
         train, duration = read_exciter(args.check)
         experiment = replace(experiment, duration=duration or args.duration)

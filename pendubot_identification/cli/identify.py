@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,21 +18,20 @@ from pendubot_identification.errors import (
     PendubotError,
     TrajectoryError,
     UsageError,
-    sentence,
     wrong_usage,
 )
-from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
+from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically, yaml_text
 from pendubot_identification.identify.estimate import Progress
 from pendubot_identification.identify.options import APPLY_REMEDIES, MDE, OPTIONS
 from pendubot_identification.identify.settings import Settings
 from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import Datasets, load_datasets, require_files
-from pendubot_identification.report.tables import Beside, summary
+from pendubot_identification.report.tables import summary
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
-from pendubot_identification.results.result import PartialResult, Result, plain
+from pendubot_identification.results.result import Result, plain
 from pendubot_identification.results.result_file import read_result, result_text
 from pendubot_identification.results.track_file import track_recordings
 from pendubot_identification.tracking.events import Start
@@ -42,41 +40,41 @@ from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .arguments import FAILING
-from .brief import brief
-from .options import given_options, joint_names, save_settings
-from .terminal import progress_bar
+from .options import given_options, joint_names
+from .terminal import brief, progress_bar
 
 
-def run(args: argparse.Namespace) -> int:
+def run_identify(args: argparse.Namespace) -> int:
     """Identify, print, write."""
     with wrong_usage():
         options = given_options(args, (*OPTIONS, APPLY_REMEDIES, *CONVERSION))
-        start, apply_remedies = options.pop('start', None), options.pop('apply_remedies', False)
+        start, apply_remedies = options.get('start'), options.pop('apply_remedies', False)
         if not isinstance(apply_remedies, bool):
             raise APPLY_REMEDIES.refusal(apply_remedies)
-        settings = _settings(args, options, start)
+        settings = _settings(args, options)
         bags = [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
         names = joint_names(args)
         require_files(settings.reading, bags)
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
-        refuse_input(target, [*bags, start and Path(start), args.reference, args.settings])
+        refuse_input(target, [*bags, start and Path(start), args.settings])
     if start is not None:
         settings = replace(settings, start=read_result(Path(start)).theta)
-    beside = _beside(args)
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         for target in outputs:
             refuse_unwritable(target, overwrite=args.force)
-        result, motions = _identify(args, settings, names, folder, apply_remedies=apply_remedies)
+        result, motions = _identify(args, settings, names, apply_remedies=apply_remedies)
         try:
             if args.output is not None:
                 write_atomically(args.output, result_text(result), overwrite=args.force)
-            save_settings(args, Conversion.of(result.reading))
+            if args.save_settings is not None:
+                text = yaml_text(Conversion.of(result.reading).words())
+                write_atomically(args.save_settings, text, overwrite=args.force)
             if folder is not None:
                 from pendubot_identification.report.page import write_report  # imports matplotlib
 
                 with progress_bar(hidden=args.json) as progress:
-                    page = write_report(folder, result, motions, beside, (), progress, static=args.figures)
+                    page = write_report(folder, result, motions, None, (), progress, static=args.figures)
                     outputs.append(page)
         finally:
             # Also if they cannot be written. Last, because a closed pipe ends the program.
@@ -87,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     return 3 if result.level >= FAILING[args.fail_on] else 0
 
 
-def _settings(args: argparse.Namespace, options: dict[str, Any], start: Any) -> Settings:
-    """Return the settings of all options except the start.
+def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
+    """Return the settings of all given options except the start.
 
     Raises:
         PendubotError: an option is invalid, alone or together with the criterion, optimizer or model.
@@ -99,15 +97,13 @@ def _settings(args: argparse.Namespace, options: dict[str, Any], start: Any) -> 
         if not equals:
             raise UsageError(f'{text!r} is not understood; NAME=LOW:HIGH or NAME=VALUE is expected, such as b2=0')
         intervals[name] = interval
+    options = {name: value for name, value in given.items() if name != 'start'}
     settings = settings_of(options, bounds_of(intervals))
     if settings.optimizer == 'lsq' and (unused := [option.name for option in MDE if option.name in options]):
         raise UsageError(f'{unused[0]} is of MDE, and --optimizer lsq does without; leave one of the two out')
     # With energy alone, a delay would only hide the warning of inconsistent timestamps.
-    for name, given, users in (
-        ('delay', options.get('delay'), ('weak', 'likelihood')),
-        ('start', start, ('likelihood',)),
-    ):
-        if given is not None and not set(users) & set(settings.criteria):
+    for name, users in {'delay': ('weak', 'likelihood'), 'start': ('likelihood',)}.items():
+        if name in given and not set(users) & set(settings.criteria):
             raise UsageError(
                 f'--{name} is of {" and ".join(users)}, and --criterion {",".join(settings.criteria)} does without; '
                 'leave one of the two out'
@@ -131,40 +127,21 @@ def _settings(args: argparse.Namespace, options: dict[str, Any], start: Any) -> 
 
 
 def _identify(
-    args: argparse.Namespace,
-    settings: Settings,
-    names: Sequence[str],
-    folder: OutputFolder | None,
-    *,
-    apply_remedies: bool,
+    args: argparse.Namespace, settings: Settings, names: Sequence[str], *, apply_remedies: bool
 ) -> tuple[Result, tuple[Sequence[Trajectory], Sequence[Trajectory]]]:
-    """Return the result, and the motions for training and validation; after a failure, a page shows the reason."""
-    motions: tuple[Sequence[Trajectory], Sequence[Trajectory]] | None = None
+    """Return the result, and the motions for training and validation."""
+    with progress_bar(hidden=args.json) as progress:
 
-    def load(conversion: Conversion) -> Datasets:
-        nonlocal motions
-        motions = None
-        try:
-            data = load_datasets(args.bags, args.validate, topic=args.topic, joint_names=names, conversion=conversion)
-        except LongRecordingError as error:
-            raise _with_windows(error, args.topic, names, conversion, progress) from error
-        motions = data.training, data.validation
-        return data
+        def load(conversion: Conversion) -> Datasets:
+            try:
+                return load_datasets(
+                    args.bags, args.validate, topic=args.topic, joint_names=names, conversion=conversion
+                )
+            except LongRecordingError as error:
+                raise _with_windows(error, args.topic, names, conversion, progress) from error
 
-    try:
-        with progress_bar(hidden=args.json) as progress:
-            found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
-        return assemble_result(found, data.sources), (data.training, data.validation)
-    except Exception as error:
-        if folder is not None:
-            from pendubot_identification.report.page import write_failure  # imports matplotlib
-
-            asked = [f'estimate from {bag}' for bag in args.bags] + [f'validate on {bag}' for bag in args.validate]
-            how = f'criterion {", ".join(settings.criteria)}; model {settings.model}; optimizer {settings.optimizer}'
-            page = write_failure(folder, sentence(error), [*asked, how], motions)
-            if not args.json:
-                print(f'the reason is also on the page {page}')
-        raise
+        found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
+    return assemble_result(found, data.sources), (data.training, data.validation)
 
 
 def _with_windows(
@@ -193,28 +170,3 @@ def _shown(args: argparse.Namespace, result: Result) -> str:
     files = sum(target is not None for target in (args.output, args.save_settings, args.report))
     keep = [] if args.output or args.report else ['kept nowhere: add --output RESULT.yaml, or --report DIR for figures']
     return '\n'.join([brief(result, files + len(keep)), *keep])
-
-
-def _beside(args: argparse.Namespace) -> Beside | None:
-    """Return the parameters that the report shows beside the result: a reference, or the result that it replaces."""
-    if args.reference is not None:
-        if args.report is None:
-            raise UsageError('--reference stands beside a result in its report; add --report DIR')
-        return read_beside(args.reference, 'reference')
-    for earlier in (args.output, args.report / 'result.yaml') if args.report else ():
-        if earlier is not None and earlier.exists():
-            with suppress(PendubotError):  # it is replaced in any case
-                return read_beside(earlier, 'earlier result')
-    return None
-
-
-def read_beside(path: Path, name: str) -> tuple[PartialResult, str]:
-    """Return the parameters of a file, to be shown beside a result under a name; warn if they are not physical.
-
-    Raises:
-        ResultError: the file cannot be read or holds no parameters.
-    """
-    found = read_result(path)
-    for problem in found.unphysical():
-        print(f'pendubot: {path}: {problem}', file=sys.stderr)
-    return found, name

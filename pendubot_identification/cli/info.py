@@ -10,28 +10,23 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from pendubot_identification.errors import UsageError, wrong_usage
+from pendubot_identification.errors import wrong_usage
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.survey import as_text, survey_bag, survey_table
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.recordings.tables import is_table
 
-from .options import conversion_of, save_settings
+from .options import conversion_of
 
 
-def run(args: argparse.Namespace) -> int:
+def run_info(args: argparse.Namespace) -> int:
     """Print the content of a recording."""
     with wrong_usage():
         conversion = conversion_of(args)
     if is_table(args.bag):
         found = survey_table(TableReader(args.bag, conversion))
-        save_settings(args, conversion)
         print(json.dumps(found, indent=2) if args.json else f'{args.bag}: {as_text(found)}')
         return 0
-    if words := conversion.options():
-        raise UsageError(
-            f'{args.bag} is a bag, and info shows its messages without a conversion; leave out {" ".join(words)}'
-        )
     bag = BagReader(args.bag)
     topics = survey_bag(bag)
     summary = {

@@ -16,8 +16,10 @@ from pendubot_identification.errors import UsageError, sentence
 
 from .arguments import parser
 
-#: Modules of subcommands that have another name, or are in another room.
-MODULES = {'import': '.importing', 'reproduce': 'pendubot_identification.paper.reproduction'}
+#: Modules of the subcommands that have another name; each has a function run_SUBCOMMAND.
+MODULES = dict.fromkeys(('import', 'simulate', 'repair'), '.bags')
+MODULES |= dict.fromkeys(('report', 'compare', 'export'), '.results')
+MODULES |= {'completion': '.extras', 'studio': '.extras', 'reproduce': 'pendubot_identification.paper.reproduction'}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return int(ended.code or 0)
     try:
         module = importlib.import_module(MODULES.get(args.subcommand, f'.{args.subcommand}'), __package__)
-        return int(module.run(args))
+        return int(getattr(module, f'run_{args.subcommand}')(args))
     except KeyboardInterrupt:
         print('pendubot: interrupted', file=sys.stderr)
         return 1

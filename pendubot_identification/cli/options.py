@@ -10,10 +10,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.files import read_yaml, write_atomically
+from pendubot_identification.files import read_yaml
 from pendubot_identification.identify.options import APPLY_REMEDIES, OPTIONS
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
@@ -38,17 +36,6 @@ def conversion_of(args: argparse.Namespace) -> Conversion:
         ParameterError: an option is invalid, or the file of ``--settings`` cannot be read.
     """
     return Conversion.of(given_options(args, CONVERSION))
-
-
-def save_settings(args: argparse.Namespace, conversion: Conversion) -> None:
-    """Write a conversion to the file of ``--save-settings``, if that is given.
-
-    Raises:
-        ResultError: the file exists already or cannot be written.
-    """
-    if args.save_settings is not None:
-        text = yaml.safe_dump(conversion.words(), sort_keys=False)
-        write_atomically(args.save_settings, text, overwrite=getattr(args, 'force', False))
 
 
 def joint_names(args: argparse.Namespace) -> list[str]:

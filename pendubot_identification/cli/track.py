@@ -29,14 +29,11 @@ from .terminal import progress_bar
 SHOWN = 20
 
 
-def run(args: argparse.Namespace) -> int:
+def run_track(args: argparse.Namespace) -> int:
     """Track, print, write."""
     with wrong_usage():
-        windows, conversion, names = (
-            [BagWindow.parse(text) for text in args.bags],
-            conversion_of(args),
-            joint_names(args),
-        )
+        windows = [BagWindow.parse(text) for text in args.bags]
+        conversion, names = conversion_of(args), joint_names(args)
         require_files(conversion, [window.path for window in windows])
     for target in (args.output, args.report and args.report / 'result.yaml'):
         if target is not None:

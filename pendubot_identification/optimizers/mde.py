@@ -29,10 +29,8 @@ from .optimizer import (
     State,
     columns,
     evaluate,
-    random_numbers,
     random_points,
     reasons_to_stop,
-    require_runs,
     run_generations,
 )
 
@@ -72,13 +70,6 @@ class MDESettings:
             raise ParameterError(f'{self.generations} generations were asked for; at least 1 is needed')
         if self.spread is not None and not self.spread > 0:
             raise ParameterError(f'the spread at which a run stops is {self.spread:g}; a number above 0 is expected')
-        if not 0 <= self.threshold <= 1:
-            raise ParameterError(f'the threshold is {self.threshold:g}; a probability from 0 to 1 is expected')
-        for name, (low, high), most in (('weight F', self.weight, 2), ('crossover rate CR', self.crossover, 1)):
-            if not 0 <= low <= high <= most:
-                raise ParameterError(
-                    f'the range of the {name} is {low:g} to {high:g}; 0 <= low <= high <= {most} is expected'
-                )
 
 
 def mde(
@@ -99,9 +90,7 @@ def mde(
         ParameterError: see :func:`.optimizer.require_runs`.
     """
     settings = settings or MDESettings()
-    require_runs(runs, settings.population, seed)
-    rng = random_numbers(seed)
-    x = random_points(rng, bounds, runs, settings.population)
+    rng, x = random_points(bounds, runs, settings.population, seed)
     values = evaluate(objective, x)
     if isinstance(objective, QuadraticObjective) and (library := compiled.library()) is not None:
         return _compiled(library, objective, bounds, settings, seed, x, values, progress)

@@ -63,15 +63,15 @@ def require_runs(runs: int, population: int, seed: int) -> None:
         raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
 
 
-def random_numbers(seed: int) -> np.random.Generator:
-    """Return the fastest generator of numpy."""
-    return np.random.Generator(np.random.SFC64(seed))
+def random_points(bounds: Bounds, runs: int, population: int, seed: int) -> tuple[np.random.Generator, Array]:
+    """Return numpy's fastest generator, and uniformly distributed points in the box, shape (D, runs, NP).
 
-
-def random_points(rng: np.random.Generator, bounds: Bounds, runs: int, population: int) -> Array:
-    """Return uniformly distributed points in the box, shape (D, runs, NP)."""
-    lower, upper = columns(bounds)
-    return rng.uniform(lower, upper, (len(lower), runs, population))
+    Raises:
+        ParameterError: see :func:`require_runs`.
+    """
+    require_runs(runs, population, seed)
+    rng, (lower, upper) = np.random.Generator(np.random.SFC64(seed)), columns(bounds)
+    return rng, rng.uniform(lower, upper, (len(lower), runs, population))
 
 
 def columns(bounds: Bounds) -> tuple[Array, Array]:

@@ -21,9 +21,7 @@ from pendubot_identification.optimizers.optimizer import (
     best_points,
     columns,
     evaluate,
-    random_numbers,
     random_points,
-    require_runs,
     run_generations,
 )
 
@@ -51,8 +49,7 @@ def hde(
     at least as good. A generation takes NP + 1 function values and one gradient, (..., D) in, (..., D) out. The other
     arguments are those of :func:`.mde.mde`.
     """
-    require_runs(runs, settings.population, seed)
-    rng = random_numbers(seed)
+    rng, x = random_points(bounds, runs, settings.population, seed)
 
     def step(x: Array, values: Array) -> State:
         run, best = np.arange(len(values)), values.argmin(axis=1)
@@ -63,7 +60,6 @@ def hde(
         values[run, best] = np.minimum(offered, value)
         return generation(rng, objective, bounds, settings, x, values)
 
-    x = random_points(rng, bounds, runs, settings.population)
     start, each = (x, evaluate(objective, x)), settings.population + 1
     return run_generations(step, start, settings.generations, target=settings.target, per_generation=each)
 
@@ -96,8 +92,7 @@ def pso(
     Arguments are those of :func:`.mde.mde`.
     """
     settings = settings or PSOSettings()
-    require_runs(runs, settings.particles, seed)
-    rng = random_numbers(seed)
+    rng, x = random_points(bounds, runs, settings.particles, seed)
     lower, upper = columns(bounds)
     width = upper - lower
 
@@ -111,7 +106,6 @@ def pso(
         better = offered < values
         return np.where(better, x, best), np.where(better, offered, values), x, v
 
-    x = random_points(rng, bounds, runs, settings.particles)
     start = x, evaluate(objective, x), x, rng.uniform(-width, width, x.shape)
     return run_generations(
         step, start, math.ceil(settings.evaluations / settings.particles) - 1, target=settings.target

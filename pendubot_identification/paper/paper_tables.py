@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pendubot_identification.identify.estimate import Estimate
 from pendubot_identification.model.parameters import NAMES, PAPER, UNITS
+from pendubot_identification.optimizers.mde import MDESettings
 
 from .benchmark_functions import FUNCTIONS
 from .trials import ALGORITHMS, BUDGET, IDENTIFICATION, PER_VECTOR, TARGET, Outcome, rank_sum, ranks
@@ -77,11 +79,6 @@ class Table(NamedTuple):
         lines = [self.columns, ['---'] * len(self.columns), *(map(shown, row) for row in self.rows)]
         table = '\n'.join(f'| {" | ".join(line)} |' for line in lines)
         return '\n\n'.join([f'## {self.title}', table, *self.notes]) + '\n'
-
-    def data(self) -> dict[str, Any]:
-        """Return plain data for JSON, in which NaN and infinity are None."""
-        rows = [[None if isinstance(c, float) and not math.isfinite(c) else c for c in row] for row in self.rows]
-        return {'title': self.title, 'head': list(self.columns), 'rows': rows, 'notes': list(self.notes)}
 
     def csv(self) -> str:
         """Return head and rows, with all digits."""
@@ -191,17 +188,18 @@ def times(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Table:
     return Table('times', 'Table 4: time of a run', columns, [note])
 
 
-def table_7(found: Mapping[str, Any]) -> Table:
+def table_7(found: Estimate, mde: MDESettings, samples: Sequence[int]) -> Table:
     """Return J of the runs of the identification beside the paper's."""
+    J = {'training': found.J_runs, 'validation': found.J_validation_runs}
     columns: dict[str, Any] = {'J [J^2]': list(TABLE_7)}
     for k, (what, statistic) in enumerate(STATISTICS.items()):
-        columns[what] = [statistic(found[f'J_{which}']) for which in TABLE_7]
+        columns[what] = [statistic(J[which]) for which in TABLE_7]
         if what != 'standard deviation':
             columns[f'{what}, paper'] = [paper[k] for paper in TABLE_7.values()]
     notes = [
-        f'{len(found["J_training"])} runs of MDE, {found["population"]} vectors, {found["generations"]} generations, '
-        f'on the sample bag: {found["samples"][0]} samples estimate, {found["samples"][1]} validate. The exact least J '
-        f'on training is {found["J_exact"]:.6e}; {found["reached"]} runs reached it to a relative 1e-6.',
+        f'{len(found.J_runs)} runs of MDE, {mde.population} vectors, {mde.generations} generations, on the sample bag: '
+        f'{samples[0]} samples estimate, {samples[1]} validate. The exact least J on training is {found.J_exact:.6e}; '
+        f'{found.runs_at_minimum} runs reached it to a relative 1e-6.',
         "The paper's J is of its own rig, whose recordings were never published. The sample bag is of a virtual rig "
         'with the parameters of its Table 8, without any model error. So the sizes of the two are no test of either; '
         'what can be compared is whether the runs agree, and validation with training.',
@@ -209,16 +207,16 @@ def table_7(found: Mapping[str, Any]) -> Table:
     return Table('table7', 'Table 7: J of the identification', columns, notes)
 
 
-def table_8(found: Mapping[str, Any]) -> Table:
+def table_8(found: Estimate) -> Table:
     """Return the parameters beside the paper's, which are the true ones of the virtual rig."""
-    truth, theta = PAPER.vector(), np.array(found['theta'])
+    truth = PAPER.vector()
     columns: dict[str, Any] = {
         '': NAMES[: len(truth)],
         'unit': UNITS[: len(truth)],
         "paper's Table 8 = truth of the virtual rig": truth,
-        'best run': theta,
-        'error [%]': 100 * (theta / truth - 1),
-        'standard error': found['std_error'],
+        'best run': found.theta,
+        'error [%]': 100 * (found.theta / truth - 1),
+        'standard error': found.std_error,
     }
     note = (
         "Of the run with the lowest J. The errors are those of the paper's criterion at 100 samples a second, not of "

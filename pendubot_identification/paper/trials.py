@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,47 +77,18 @@ def compete(
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The result of runs of one algorithm on one function of n variables.
-
-    Attributes:
-        threshold: of MDE in the sweep.
-        seed: of these runs alone.
-        detailed: whether :meth:`data` has points and histories.
-    """
+    """The result of runs of one algorithm on one function of n variables; ``threshold`` is of MDE in the sweep."""
 
     function: str
     n: int
     algorithm: str
     threshold: float | None
-    seed: int
     result: OptimizationResult
-    detailed: bool = False
 
     @property
     def arrived(self) -> NDArray[np.bool_]:
         """Whether each run reached its target, shape (runs,)."""
         return np.array([reason == 'target' for reason in self.result.stopped_by])
-
-    def data(self) -> dict[str, Any]:
-        """Return the runs as plain data; a history has [generation, value] of each generation with an improvement."""
-        r = self.result
-        columns = {'value': r.value, 'generations': r.generations, 'evaluations': r.evaluations}
-        lists: dict[str, Sequence[Any]] = {name: column.tolist() for name, column in columns.items()}
-        lists['stopped_by'] = r.stopped_by
-        if self.detailed:
-            better = (np.flatnonzero(np.diff(best, prepend=np.inf) < 0) for best in r.history.T)
-            lists['x'] = r.x.tolist()
-            lists['history'] = [[[int(g), float(r.history[g, run])] for g in each] for run, each in enumerate(better)]
-        return {
-            'function': self.function,
-            'n': self.n,
-            'algorithm': self.algorithm,
-            'threshold': self.threshold,
-            'seed': self.seed,
-            'evaluations_at_start': r.at_start,
-            'evaluations_per_generation': r.per_generation,
-            'runs': [dict(zip(lists, run, strict=True)) for run in zip(*lists.values(), strict=True)],
-        }
 
 
 def competition(seed: int, runs: int) -> Iterator[Outcome]:
@@ -127,7 +97,7 @@ def competition(seed: int, runs: int) -> Iterator[Outcome]:
         for algorithm in ALGORITHMS:
             own = seed_of(seed, 'competition', f.name, algorithm)
             result = compete(algorithm, f, DIMENSION, runs=MANY * runs, seed=own)
-            yield Outcome(f.name, DIMENSION, algorithm, None, own, result, detailed=True)
+            yield Outcome(f.name, DIMENSION, algorithm, None, result)
 
 
 def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
@@ -137,7 +107,7 @@ def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
             for algorithm in SETTINGS:
                 own = seed_of(seed, 'dimensions', n, f.name, algorithm)
                 result = compete(algorithm, f, n, runs=runs, seed=own, evaluations=BUDGET * n)
-                yield Outcome(f.name, n, algorithm, None, own, result)
+                yield Outcome(f.name, n, algorithm, None, result)
 
 
 def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> Iterator[Outcome]:
@@ -154,7 +124,7 @@ def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> It
                 own = seed_of(seed, 'sweep', name, algorithm, threshold)
                 how = replace(settings, threshold=threshold, per_component=algorithm == 'MDE')
                 result = mde(objective, box, how, runs=count, seed=own)
-                yield Outcome(name, len(box.lower), algorithm, threshold, own, result)
+                yield Outcome(name, len(box.lower), algorithm, threshold, result)
 
 
 def seed_of(seed: int, *what: object) -> int:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The command line, run in this process, and one folder with what most of its subcommands take."""
+"""One folder with what most subcommands take."""
 
 import os
 import shutil
@@ -13,36 +13,6 @@ from test.conftest import ROOT
 
 PAPERS = ('--criterion', 'energy', '--model', 'viscous')
 FAST = (*PAPERS, '--optimizer', 'lsq')
-
-
-@pytest.fixture
-def run(capsys):
-    """Runs pendubot; returns its exit status, what it printed and what it said on stderr."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        try:
-            status = main([*map(str, arguments)])
-        except SystemExit as stopped:
-            status = stopped.code
-        return status, *capsys.readouterr()
-
-    return run
-
-
-@pytest.fixture
-def refused(run):
-    """Runs pendubot, which is to end with this status and one line, no traceback, nothing printed; returns the line."""
-
-    def refused(*arguments, status=1):
-        ended, out, err = run(*arguments)
-        assert (ended, out) == (status, '')
-        line = err.strip().splitlines()[-1]
-        assert line.startswith('pendubot')
-        assert 'Traceback' not in err
-        return line
-
-    return refused
 
 
 @pytest.fixture(scope='session')

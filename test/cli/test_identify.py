@@ -13,7 +13,6 @@ import yaml
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
-from pendubot_identification.results.result_file import read_result
 from test.cli.conftest import FAST
 from test.processes import run_program
 
@@ -69,36 +68,25 @@ def test_options_arrive_from_the_line_and_from_a_file_and_json_is_the_result_alo
     assert run(*command, '--fail-on', 'warn')[0] == 3
 
 
-@pytest.mark.parametrize(
-    ('criterion', 'optimizer'), [('energy', 'mde'), ('energy', 'lsq'), ('weak', 'lsq'), ('likelihood', 'lsq')]
-)
-def test_a_parameter_is_held_at_a_value_and_the_others_are_the_best_beside_it(run, made, criterion, optimizer):
-    """Held where they are best, nothing moves, but for the weights of weak; held elsewhere, J of energy is higher."""
+@pytest.mark.parametrize(('criterion', 'tolerance'), [('energy', 1e-4), ('weak', 0.05), ('likelihood', 1e-3)])
+def test_a_parameter_is_held_at_a_value_and_the_others_are_the_best_beside_it(run, made, criterion, tolerance):
+    """Held where they are best, nothing moves, but for the weights of weak; the likelihood may start elsewhere."""
     command = ('identify', f'{made / "swing"}@0:4', '--criterion', criterion, '--model', 'viscous', '--hold', 'zero')
     command += ('--json',) if criterion == 'energy' else ('--json', '--delay', '0')
 
     def identified(*options):
         return json.loads(run(*command, *options)[1])
 
-    free = identified('--optimizer', 'lsq')
-    best = {name: entry['value'] for name, entry in free['parameters'].items()}
-    held = identified('--optimizer', optimizer, '--fix', f'P3={best["P3"]!r}', '--fix', f'b2={best["b2"]!r}')
-    tolerance = {'energy': 1e-4, 'weak': 0.05, 'likelihood': 1e-3}[criterion]
+    best = {name: entry['value'] for name, entry in identified('--optimizer', 'lsq')['parameters'].items()}
+    start = ('--start', made / 'result.yaml') if criterion == 'likelihood' else ()
+    held = identified('--fix', f'P3={best["P3"]!r}', '--fix', f'b2={best["b2"]!r}', *start)
     for name, entry in held['parameters'].items():
         assert entry['fixed'] == (name in ('P3', 'b2'))
         assert entry['value'] == pytest.approx(best[name], rel=1e-12 if entry['fixed'] else tolerance)
         assert (entry['std_error'] == 0, entry['on_bound']) == (entry['fixed'], False)
-    elsewhere = identified('--optimizer', optimizer, '--bounds', 'b2=2e-4:2e-4')
-    assert elsewhere['parameters']['b2']['value'] == 2e-4
-    assert criterion != 'energy' or elsewhere['J']['training'] > free['J']['training']
-
-
-def test_the_likelihood_starts_where_it_is_told(run, made):
-    options = ('--criterion', 'likelihood', '--model', 'viscous', '--hold', 'zero', '--delay', '0', '--json')
-    status, out, _ = run('identify', f'{made / "swing"}@0:4', *options, '--start', made / 'result.yaml')
-    assert status == 0
-    result = json.loads(out)
-    assert result['made_by']['start'][:7] == list(read_result(made / 'result.yaml').theta.vector())
+    if start:
+        papers = yaml.safe_load((made / 'result.yaml').read_text())['parameters']
+        assert held['made_by']['start'][:7] == [papers[name]['value'] for name in SEVEN]
 
 
 @pytest.mark.parametrize(
@@ -109,9 +97,7 @@ def test_the_likelihood_starts_where_it_is_told(run, made):
         (['sim@:9', '--validate', 'sim@12:'], [900], [600]),
         (['sim@0:6', 'sim@12:'], [600, 600], [600]),
         (['sim', 'sim'], [1800, 1800], []),
-        (['sim@0:'], [1800], []),
         (['sim@0.9:9'], [810], [900]),
-        (['sim', '--validate', 'sim@3:9'], [1800], [600]),
     ],
 )
 def test_windows_divide_a_bag_as_documented(run, there, arguments, training, validation):
@@ -133,30 +119,21 @@ def test_a_remainder_too_short_to_judge_by_costs_no_result(run, tmp_path):
         assert (status, [b['bag'] for b in json.loads(out)['bags']]) == (0, [f'{fast}@{window}', *rest])
 
 
-@pytest.mark.parametrize(
-    ('sign', 'options', 'status'), [(1, ('--fail-on', 'warn'), 0), (-1, (), 3), (-1, ('--fail-on', 'never'), 0)]
-)
-def test_a_result_of_level_error_has_an_exit_status_of_its_own_and_is_written(
-    run, made, tmp_path, sign, options, status
-):
+@pytest.mark.parametrize(('options', 'status'), [((), 3), (('--fail-on', 'never'), 0)])
+def test_a_result_of_level_error_has_an_exit_status_and_is_written(run, made, tmp_path, options, status):
     motion = read_trajectory(made / 'swing').trajectory
-    write_trajectory(tmp_path / 'bag', replace(motion, tau=sign * motion.tau))
+    write_trajectory(tmp_path / 'bag', replace(motion, tau=-motion.tau))
     output = tmp_path / 'mine.yaml'
     ended, out, err = run('identify', tmp_path / 'bag', *WEAK, '--output', output, *options)
     assert (ended, err) == (status, '')
     assert out.endswith(f'written to {output}\n')
-    assert yaml.safe_load(output.read_text())['level'] == ('OK' if sign == 1 else 'ERROR')
+    assert yaml.safe_load(output.read_text())['level'] == 'ERROR'
 
 
-@pytest.mark.parametrize('options', [(), ('--json',)])
-def test_a_result_that_cannot_be_written_in_the_end_is_printed_all_the_same(made, tmp_path, options):
+def test_a_result_that_cannot_be_written_in_the_end_is_printed_all_the_same(made, tmp_path):
     output = tmp_path / 'result.yaml'
-    ended = run_program('pendubot', 'identify', made / 'swing', *FAST, '--output', output, *options, file_limit=0)
+    ended = run_program('pendubot', 'identify', made / 'swing', *FAST, '--output', output, '--json', file_limit=0)
     assert ended.returncode == 1
     assert ended.stderr == f'pendubot: {output} cannot be written (File too large); choose a folder that can be\n'
-    if options:
-        assert list(json.loads(ended.stdout)['parameters']) == list(SEVEN)
-    else:
-        assert 'kg m^2' in ended.stdout
-        assert 'written to' not in ended.stdout
+    assert list(json.loads(ended.stdout)['parameters']) == list(SEVEN)
     assert not list(tmp_path.iterdir())

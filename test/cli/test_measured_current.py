@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 
 from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.parameters import PAPER
@@ -38,7 +37,7 @@ def motion():
 
 @pytest.fixture(scope='module')
 def warm(motion, tmp_path_factory):
-    """A folder with a bag as the bridge's messages make it, one as earlier bridges made it, and a file with columns."""
+    """A folder with a bag as the bridge's messages make it, and one without the current."""
     folder = tmp_path_factory.mktemp('warm')
     commanded, current = motion.tau[:, 0] / LEFT, motion.tau[:, 0] / K
     names = ('shoulder', 'elbow', 'shoulder_current')
@@ -47,9 +46,7 @@ def warm(motion, tmp_path_factory):
         for at, q, torque, ampere in zip(motion.t, motion.q, commanded, current, strict=True):
             stamp = EPOCH_NS + round(at * 1e9)
             bag.write(channel, encode_joint_state(stamp, names, [*q, 0], [0, 0, 0], [torque, 0, ampere]), stamp)
-    write_trajectory(folder / 'earlier', replace(motion, tau=motion.tau / LEFT))
-    rows = np.column_stack([motion.t, motion.q, current])
-    np.savetxt(folder / 'log.csv', rows, delimiter=',', header='t,q1,q2,ampere', comments='', fmt='%.12g')
+    write_trajectory(folder / 'without', replace(motion, tau=motion.tau / LEFT))
     return folder
 
 
@@ -65,49 +62,17 @@ def identified(run):
     return identified
 
 
-def assert_right(result):
-    """The true parameters lie in their intervals, which say something; how it was read is recorded."""
-    assert result['reading']['torque_constant'] == str(K)
+def test_a_bag_is_identified_from_the_current_and_else_from_the_commanded_torque(identified, refused, warm):
+    result = identified(warm / 'bag', '--torque-constant', K)
+    assert result['reading'] == {'torque_constant': str(K)}
     for name in INERTIAL:
         low, high = result['parameters'][name]['interval']
         assert low < getattr(PAPER, name) < high, name
         assert high - low < 0.1 * getattr(PAPER, name), name
-
-
-def test_a_bag_is_identified_from_the_current_and_else_from_the_commanded_torque(identified, warm, tmp_path):
-    output = tmp_path / 'result.yaml'
-    assert_right(identified(warm / 'bag', '--torque-constant', K, '--output', output))
-    assert yaml.safe_load(output.read_text())['reading'] == {'torque_constant': str(K)}
-    assert_right(identified(warm / 'bag', '--settings', output))
-    for options in ((), ('--torque-constant', '0')):
-        commanded = identified(warm / 'bag', *options)
-        assert commanded['reading'] == {}
-        ratios = [commanded['parameters'][name]['value'] / getattr(PAPER, name) for name in INERTIAL]
-        np.testing.assert_allclose(ratios, 1 / LEFT, rtol=0.03)
-
-
-def test_a_file_with_columns_holds_a_current_in_place_of_the_torque(identified, run, warm, tmp_path):
-    options = ('--columns', 'tau1=ampere', '--torque-constant', K)
-    assert_right(identified(warm / 'log.csv', *options, '--save-settings', tmp_path / 'lab.yaml'))
-    assert_right(identified(warm / 'log.csv', '--settings', tmp_path / 'lab.yaml'))
-    # A bag that is made of it holds the torque, so that nothing need be said when that is read.
-    assert run('import', warm / 'log.csv', *options, '--output', tmp_path / 'bag')[0] == 0
-    imported = identified(tmp_path / 'bag')
-    assert_right(imported | {'reading': {'torque_constant': str(K)}})
-
-
-def test_a_bag_without_the_current_and_a_constant_without_sense_are_refused(refused, warm):
-    assert 'has no measured current' in refused('identify', warm / 'earlier', '--torque-constant', K)
+    commanded = identified(warm / 'bag')
+    assert commanded['reading'] == {}
+    ratios = [commanded['parameters'][name]['value'] / getattr(PAPER, name) for name in INERTIAL]
+    np.testing.assert_allclose(ratios, 1 / LEFT, rtol=0.03)
+    assert 'has no measured current' in refused('identify', warm / 'without', '--torque-constant', K)
     for value, found in (('x', "'x'"), ('-1', 'torque_constant is -1.0'), ('nan', 'is nan')):
         assert found in refused('identify', warm / 'bag', f'--torque-constant={value}', status=2)
-
-
-def test_a_rig_is_followed_by_its_current(run, warm):
-    found = {}
-    for options in ((), ('--torque-constant', K)):
-        status, out, err = run('track', warm / 'bag', '--model', 'viscous', '--json', *options)
-        assert (status, err) == (0, '')
-        found[options] = json.loads(out)['parameters']
-    for name in INERTIAL:
-        values = [parameters[name]['value'] / getattr(PAPER, name) for parameters in found.values()]
-        np.testing.assert_allclose(values, [1 / LEFT, 1], rtol=0.03)

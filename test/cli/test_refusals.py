@@ -13,7 +13,7 @@ from test.conftest import ROOT
 
 FILES = {
     'other.yaml': 'schema: 2\nparameters: {}\n',
-    'few.yaml': 'schema: 1\nparameters: {P1: {value: 1}}\n',
+    'often_exciter.yaml': 'exciter: {ros__parameters: {period: often}}\n',
     'unknown.yaml': 'modle: viscous\n',
     'often.yaml': 'runs: often\n',
     'vector.yaml': 'per_vector: true\n',
@@ -30,23 +30,23 @@ FAILURES = {
     'identify swing --start /nowhere.yaml': 'there is no file /nowhere.yaml',
     'identify swing --report look': 'look exists already and is not empty',
     'identify swing --output swing/metadata.yaml --force': 'is read, so it cannot be written as well',
-    'identify swing --output result.yaml --start result.yaml --force': 'is read, so it cannot be written as well',
-    'identify swing --report . --reference result.yaml --force': 'is read, so it cannot be written as well',
     # Before anything is read.
     'identify /nowhere --output /nowhere/r.yaml': '/nowhere/r.yaml cannot be written (No such file',
     'identify /nowhere --output swing --force': 'swing is a folder; name a file in it',
     'identify /nowhere --report file/look': 'cannot be written (Not a directory); choose a folder that can be',
-    'report result.yaml --output file': 'file cannot be written (File exists); choose a folder that can be',
     'report result.yaml --reference result.yaml --output . --force': 'is read, so it cannot be written as well',
     'report result.yaml --reference other.yaml': 'no result of schema 1',
     'compare result.yaml none.yaml': 'there is no file none.yaml',
-    'export result.yaml --output file --format c': 'exists already',
+    'export none.yaml': 'there is no file none.yaml',
+    'export result.yaml --output file --format h': 'exists already',
     'export result.yaml --output link.yaml --force': 'link.yaml is read, so it cannot be written as well',
-    'import run.csv --output new': "no column 'q1' for q1; its columns are time, a, b, u",
     'import run.csv --output swing --columns t=time,q1=a,q2=b,tau1=u': 'exists already',
+    'excite --design --torque 1 --speed 20 --output file': 'exists already',
+    'excite --check unknown.yaml': 'no parameters of the node exciter',
+    'excite --check often_exciter.yaml': 'numbers are expected',
+    'excite --check file --output file --force': 'so it cannot be written as well',
     'simulate --output swing': 'exists already',
     'simulate --output never --parameters negative.yaml': 'friction Fc2 = -0.1 is negative',
-    'info nowhere': 'there is no bag',
     'repair swing --output swing --force': 'is the bag itself',
     'repair swing --output look': 'exists already',
 }
@@ -58,9 +58,7 @@ WRONG_USAGE = {
     'identify': 'required: BAG',
     'identify x --fly': 'unrecognized arguments: --fly; pendubot identify --help',
     'identify x --model magic': "invalid choice: 'magic'",
-    'identify x --seed magic': "invalid int value: 'magic'",
     'identify x --delay magic': "'magic' is not understood; LOW:HIGH or one number",
-    'identify x --joints elbow,elbow': 'names 1 joints; two are expected',
     'identify x --settings none.yaml': 'there is no file none.yaml',
     'identify x --settings file': 'names no options; lines such as "degrees: true" are expected',
     'identify x --settings unknown.yaml': "there is no option 'modle'; the options are criterion, model",
@@ -71,18 +69,13 @@ WRONG_USAGE = {
     'identify x --bounds P1=a:1': "P1 'a:1' is not understood; LOW:HIGH or one number is expected",
     'identify x --bounds P8=0:1': "no parameter 'P8'",
     'identify x --model viscous --fix Fc1=0': '--bounds Fc1 is of a parameter that --model viscous does not have',
-    'identify x --fix J2=1e-3 --model auto': '--bounds J2 excludes 0, its value in smaller models',
-    'identify x --criterion trajectory': 'the criterion trajectory was replaced by likelihood; ask for likelihood',
     'identify x --criterion energy --delay 0:0.02': '--delay is of weak and likelihood, and --criterion energy does',
-    'identify x --criterion energy,weak --start r.yaml': '--start is of likelihood, and --criterion energy,weak does',
-    'identify x --reference result.yaml': 'add --report DIR',
     'identify swing --columns t=x': '--columns t=x is for files with columns; the stamps of a bag',
-    'info swing --degrees': 'is a bag, and info shows its messages without a conversion; leave out --degrees',
-    'compare result.yaml': 'is one result alone; name two or more to be compared',
-    'compare result.yaml result.yaml': 'the same result is named twice',
-    'compare result.yaml other.yaml --degrees': '--degrees says how a recording is read, and none is; add --on BAG',
+    'compare result.yaml': 'is one result alone, or twice the same; name two or more that differ',
+    'excite --design --torque 1': 'give --torque [N m] and --speed [rad/s]',
+    'excite --design --torque -1 --speed 5': 'limit of the torque is -1',
+    'excite --design --torque 1 --speed 20 --rate 0': 'sampling rate is 0',
     'export result.yaml': 'no format was given',
-    'export result.yaml --output parameters.txt': 'no suffix that names a format',
     'import swing --output new': 'is no file with columns; one whose name ends in .csv',
     'import run.csv --output new --columns q1=a,q2=a': "column 'a' stands for both q1 and q2; name one column for",
     'simulate --output never --samples 0': '0 samples at 100 Hz',
@@ -129,7 +122,7 @@ def test_a_refusal_of_the_system_is_one_sentence(refused, monkeypatch, failure, 
     def refuse(args):
         raise failure
 
-    monkeypatch.setattr('pendubot_identification.cli.info.run', refuse)
+    monkeypatch.setattr('pendubot_identification.cli.info.run_info', refuse)
     assert refused('info', 'bag').startswith(f'pendubot: {sentence}')
 
 

@@ -6,15 +6,9 @@
 import re
 import shutil
 
-import numpy as np
-import pytest
 import yaml
 
-from pendubot_identification.model.simulation import HANGING
-from pendubot_identification.recordings.joint_states import write_trajectory
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test.cli.conftest import FAST, contents
-from test.processes import run_program
 from test.report.test_page import Page
 
 PLOTS = {'recordings', 'simulation', 'torque_left', 'residuals_energy'}
@@ -41,7 +35,6 @@ def test_a_folder_with_a_page_and_the_result(made):
     assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(PLOTS | FIGURES)
     assert [link for link in page.links if not link.startswith(('data:', '#'))] == []
     assert str(made) not in (made / 'look' / 'report.html').read_text()
-    assert (made / 'look' / 'report.html').stat().st_size < 2_000_000
     assert 'data that no parameter was estimated from' in text(made / 'look')
     assert 'Not shown' not in text(made / 'look')
 
@@ -58,12 +51,8 @@ def test_the_same_from_the_result_file_later(there, tmp_path, run):
     assert names(later) == {'report.html', 'result.yaml', *files}
 
 
-def test_an_identification_anew_stands_beside_the_earlier_one(made, tmp_path, run):
-    """And a window without validation data is shown for what it is."""
-    shutil.copytree(made / 'look', tmp_path / 'look')
-    arguments = (f'{made / "swing"}@0:', '--report', tmp_path / 'look', '--force', *FAST)
-    assert run('identify', *arguments)[0] == 0
-    assert 'earlier result' in text(tmp_path / 'look')
+def test_a_window_without_validation_data_is_shown_for_what_it_is(made, tmp_path, run):
+    assert run('identify', f'{made / "swing"}@0:', '--report', tmp_path / 'look', *FAST)[0] == 0
     assert 'There are no validation data' in text(tmp_path / 'look')
     assert 'parts of it that were left out in turn' in text(tmp_path / 'look')
 
@@ -82,69 +71,22 @@ def test_a_reference_by_hand_stands_beside_the_result(there, tmp_path, run):
     assert beside == {'P1': -0.0022, **dict.fromkeys(('P2', 'P3', 'P4', 'P5', 'b1', 'b2'), 4e-4)}
 
 
-def test_a_failed_identification_has_a_page_that_says_why_and_shows_what_could_be_read(tmp_path, run):
-    t, q = np.arange(600) / 100, np.tile(HANGING, (600, 1))
-    write_trajectory(tmp_path / 'rest', Trajectory(t, q, 1e-6 * np.column_stack([np.sin(5 * t), 0 * t])))
-    for window, sentence, drawn in (
-        ('', 'excite the rig', {'recordings'}),
-        ('@0:0.2', 'few', set()),
-    ):
-        look = tmp_path / f'look{window}'
-        status, out, err = run('identify', f'{tmp_path / "rest"}{window}', '--report', look, *FAST)
-        assert (status, out) == (1, f'the reason is also on the page {look / "report.html"}\n')
-        assert sentence in err
-        assert ' '.join(err.removeprefix('pendubot: ').replace(f'{tmp_path}/', '').split()) in text(look)
-        assert f'estimate from rest{window}' in text(look)
-        assert names(look) == {'report.html'}
-        assert plots(look) == drawn
-
-
-def test_what_fails_unforeseen_has_a_page_that_says_what(made, tmp_path, run, monkeypatch):
-    def fail(*_):
-        raise MemoryError('80 GB')
-
-    monkeypatch.setattr('pendubot_identification.results.computation.identify', fail)
-    status, _, err = run('identify', made / 'swing', *FAST, '--report', tmp_path / 'look')
-    assert (status, err) == (1, 'pendubot: not enough memory (80 GB); ask for less\n')
-    assert 'not enough memory (80 GB); ask for less' in text(tmp_path / 'look')
-
-
-@pytest.mark.parametrize('way', ['identify', 'report'])
-def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made, tmp_path, run, monkeypatch, way):
+def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made, tmp_path, run, monkeypatch):
     """Whatever fails while it is drawn; the result, which is written apart, is there."""
 
     def fail(*_):
         raise RuntimeError('a figure that cannot be drawn')
 
     monkeypatch.setattr('pendubot_identification.report.plots.draw_correlation', fail)
-    new, output = tmp_path / 'new' / 'look', tmp_path / 'result.yaml'
     shutil.copytree(made / 'look', tmp_path / 'look')
     before = contents(tmp_path / 'look')
-    if way == 'identify':
-        command = ('identify', made / 'swing', *FAST, '--output', output, '--report')
-    else:
-        command = ('report', made / 'result.yaml', '--bags', made, '--output')
-    for folder, options in ((new, ()), (tmp_path / 'look', ('--force',))):
-        status, _, err = run(*command, folder, *options)
+    command = ('identify', made / 'swing', *FAST, '--output', tmp_path / 'result.yaml', '--force', '--report')
+    for folder in ('look', 'new/look'):
+        status, _, err = run(*command, tmp_path / folder)
         said = 'pendubot: RuntimeError: a figure that cannot be drawn; run again with --debug to see where\n'
         assert (status, err) == (1, said)
-    assert not (tmp_path / 'new').exists()
+    assert {path.name for path in tmp_path.iterdir()} == {'look', 'result.yaml'}
     assert contents(tmp_path / 'look') == before
-    assert output.exists() == (way == 'identify')
-
-
-def test_a_report_on_a_full_disk_leaves_an_earlier_one_as_it_was(made, tmp_path):
-    """Figures may still find room where the page does not."""
-    look = shutil.copytree(made / 'look', tmp_path / 'look')
-    limit = (look / 'report.html').stat().st_size - 1
-    arguments = (made / 'result.yaml', '--bags', made, '--output', look, '--force')
-    ended = run_program('pendubot', 'report', *arguments, file_limit=limit)
-    assert ended.returncode == 1
-    assert (
-        ended.stderr
-        == f'pendubot: {look}/report.html cannot be written (File too large); choose a folder that can be\n'
-    )
-    assert contents(look) == {look / path.name: path.read_bytes() for path in (made / 'look').iterdir()}
 
 
 def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_path, run):
@@ -164,8 +106,6 @@ def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_pat
         assert sentence in err
         assert sentence.replace('/gone/', '') in text(look)
         assert plots(look) == set()
-        assert 'Excitation by the motion' not in text(look)
-        assert 'Correlations of the parameters' in text(look)
     found = ('report', tmp_path / 'moved.yaml', '--bags', made, '--output', tmp_path / 'found')
     assert run(*found)[::2] == (0, '')
     assert plots(tmp_path / 'found') == PLOTS

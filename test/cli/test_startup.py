@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from pendubot_identification import __version__
-from test.cli.conftest import PAPERS
+from test.cli.conftest import FAST
 from test.conftest import ROOT
 
 SAMPLE = 'bags/paper_experiment'
@@ -35,29 +35,27 @@ def imported(*arguments):
     return set(json.loads(child('-c', CHILD, *arguments, check=True).stderr.splitlines()[-1]))
 
 
-@pytest.mark.parametrize('arguments', [['--help'], ['--version'], ['identify', '--help'], ['info', SAMPLE]])
-def test_help_and_info_import_nothing_heavy(arguments):
-    unwanted = {'scipy', 'matplotlib', 'rclpy', 'tqdm', 'jinja2'}
-    if arguments[0] != 'info':
-        unwanted |= {'numpy', 'mcap', 'rosbags', 'yaml'}
-    assert not imported(*arguments) & unwanted
+@pytest.mark.parametrize(
+    ('arguments', 'unwanted'),
+    [
+        (['identify', '--help'], {'numpy', 'mcap', 'rosbags', 'yaml', 'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
+        (['info', SAMPLE], {'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
+        (['identify', SAMPLE, *FAST], {'matplotlib', 'jinja2'}),
+    ],
+)
+def test_nothing_is_imported_that_is_not_needed(arguments, unwanted):
+    found = imported(*arguments)
+    assert ('numpy' in found) == ('numpy' not in unwanted)
+    assert not found & {*unwanted, 'rclpy'}
 
 
-def test_identifying_leaves_what_it_does_not_need_alone(tmp_path):
-    found = imported('identify', SAMPLE, *PAPERS, '--output', str(tmp_path / 'result.yaml'))
-    assert 'numpy' in found
-    assert not found & {'matplotlib', 'jinja2', 'rclpy'}
-
-
-@pytest.mark.parametrize(('switch', 'path'), [('on', 'compiled kernel'), ('off', 'switched off by PENDUBOT_KERNEL')])
-def test_version_says_which_path_is_taken(switch, path):
+def test_version_says_which_path_is_taken():
     command = ('-m', 'pendubot_identification.cli.main', '--version')
-    said = child(*command, env={'PENDUBOT_KERNEL': switch}, check=True).stdout
-    assert said.startswith(f'pendubot {__version__}')
-    assert path in said or (switch == 'on' and 'there was no C compiler' in said)
+    said = child(*command, env={'PENDUBOT_KERNEL': 'off'}, check=True).stdout
+    assert said == f'pendubot {__version__}, numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)\n'
 
 
-@pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('', 0), ('many', 0), ('-2', 0)])
+@pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('many', 0)])
 def test_the_kernel_takes_no_more_threads_than_told(given, threads):
     command = ('-c', 'import pendubot_identification.kernel as kernel; print(kernel.threads)')
     assert int(child(*command, env={**os.environ, 'PENDUBOT_THREADS': given}, check=True).stdout) == threads
@@ -79,10 +77,9 @@ def test_works_where_ros_cannot_be_imported_and_a_terminal_knows_but_ascii(made,
     env = {k: v for k, v in os.environ.items() if not k.startswith(('ROS', 'AMENT', '_ROS'))}
     env['PYTHONPATH'] = os.pathsep.join([str(ROOT), *(p for p in sys.path if p.endswith('site-packages'))])
     env['PYTHONIOENCODING'] = 'ascii'
-    result = child('-S', blocker, 'identify', made / 'swing', *PAPERS, '--verbose', env=env)
+    result = child('-S', blocker, 'identify', made / 'swing', *FAST, '--verbose', env=env)
     assert (result.returncode, result.stderr) == (0, '')
     assert r'\xb1' in result.stdout, 'in the place of a sign that ASCII lacks'
     demo = child('-S', blocker, 'demo', env=env)
-    assert demo.returncode == 1
+    assert (demo.returncode, 'Traceback' in demo.stderr) == (1, False)
     assert 'the demo needs ROS 2' in demo.stderr
-    assert 'Traceback' not in demo.stderr

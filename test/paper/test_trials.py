@@ -3,15 +3,12 @@
 
 """The paper's Table 3, equal budgets, what must come of them, and how runs are compared."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.optimizers.optimizer import OptimizationResult
-from pendubot_identification.paper import trials
 from pendubot_identification.paper.benchmark_functions import FUNCTIONS
 from pendubot_identification.paper.paper_tables import AVERAGE, TABLE_4
 from pendubot_identification.paper.trials import SETTINGS, TARGET, compete, rank_sum, ranks, seed_of
@@ -39,21 +36,6 @@ def test_with_the_default_seed_the_papers_table_4_comes_out():
                 generations[f.name] = result.generations[result.value <= TARGET].mean()
     pace = [generations[f.name] / generations['Sphere'] for f in FUNCTIONS]
     np.testing.assert_allclose(pace, [1, 4.2, 2.1, 1.4], rtol=0.25)
-
-
-def test_plain_data_tells_the_whole_run_and_each_has_random_numbers_of_its_own():
-    first, second = itertools.islice(trials.competition(seed=3, runs=1), 2)
-    data, result = first.data(), first.result
-    assert (data['function'], data['algorithm'], data['n'], data['seed']) == ('Sphere', 'PSO', 2, first.seed)
-    assert data['evaluations_at_start'] == data['evaluations_per_generation'] == 149
-    assert first.seed != second.seed
-    for k, run in enumerate(data['runs']):
-        assert run['value'] == result.value[k] == run['history'][-1][1]
-        assert run['x'] == result.x[k].tolist()
-        history = np.full(len(result.history), np.nan)
-        for generation, value in run['history']:
-            history[generation:] = value
-        np.testing.assert_array_equal(history, result.history[:, k])
 
 
 runs = st.lists(

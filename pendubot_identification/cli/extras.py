@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot completion``: a script with which a shell completes subcommands, options and names of files."""
+"""The subcommands that need a package of their own: completion and studio."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from pendubot_identification.identify.options import CRITERION
 from .arguments import parser
 
 
-def run(args: argparse.Namespace) -> int:
-    """Print the script."""
+def run_completion(args: argparse.Namespace) -> int:
+    """Print a script with which a shell completes subcommands, options and names of files."""
     try:
         import shtab
     except ImportError as error:
@@ -28,4 +28,16 @@ def run(args: argparse.Namespace) -> int:
             action.complete = shtab.FILE
         action.choices = choices.get(action.dest, action.choices)
     print(shtab.complete(top, args.shell))
+    return 0
+
+
+def run_studio(args: argparse.Namespace) -> int:
+    """Serve the guided way in a browser until a signal."""
+    try:
+        from pendubot_identification.studio.server import serve
+    except ImportError as error:
+        raise PendubotError(
+            f'{error.name} cannot be imported, and the studio needs aiohttp: pip install aiohttp'
+        ) from error
+    serve(args.files, args.port, browser=not args.no_browser, debug=args.debug)
     return 0
