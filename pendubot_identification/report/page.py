@@ -159,17 +159,6 @@ def write_report(
     return _write(folder, {'result.yaml': text}, pictures if static else (), page, () if paths else named)
 
 
-def write_failure(folder: OutputFolder, reason: str, asked: Sequence[str], motions: Recordings | None) -> Path:
-    """Write a page that says why there is no result, with the data as far as they could be read; return where it is.
-
-    Raises:
-        ResultError: the system refuses to write.
-    """
-    pictures = plots.plot_recordings(*motions) if motions else []
-    page = render('page.html.jinja', pictures, result=None, reason=reason, asked=asked)
-    return _write(folder, {}, (), page, [reason, *asked])
-
-
 def write_track(
     folder: OutputFolder,
     track: tuple[Sequence[State], Sequence[Event]],

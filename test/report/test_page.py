@@ -22,7 +22,7 @@ from pendubot_identification.identify.settings import Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.report import rig
-from pendubot_identification.report.page import result_page, write_failure, write_report
+from pendubot_identification.report.page import result_page, write_report
 from pendubot_identification.report.plots import Timeline, draw_correlation, plot_recordings, plot_simulation
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results.assemble import assemble_result
@@ -206,10 +206,6 @@ def test_absolute_folders_are_on_the_page_only_if_asked(tmp_path):
     assert text.count('swing@0:4') >= 4
     asked = report(tmp_path / 'asked', typed(result), paths=True)
     assert asked.count('/home/ann') >= 4
-    with OutputFolder(tmp_path / 'failed') as folder:
-        page = write_failure(folder, '/home/ann/day is empty', ['estimate from /home/ann/day'], None)
-    assert '/home' not in page.read_text()
-    assert 'day is empty' in page.read_text()
 
 
 def test_a_reference_stands_beside_the_result_with_its_errors(tmp_path):
@@ -264,7 +260,7 @@ def test_warnings_stand_at_the_top_in_words():
     assert all(html.escape(warning) in text for warning in others)
 
 
-def test_what_a_user_named_is_no_markup(tmp_path):
+def test_what_a_user_named_is_no_markup():
     result = plain()
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
@@ -272,9 +268,6 @@ def test_what_a_user_named_is_no_markup(tmp_path):
     assert text.count('<script') == 2, "the page's own"
     named = plot_recordings([motion(name='</script><iframe>'), motion(name='b')], [])
     assert 'iframe' not in Page(result_page(typed(result), named)).tags
-    with OutputFolder(tmp_path / 'failed') as folder:
-        page = write_failure(folder, '<script>', ['<script>'], None).read_text()
-    assert 'script' not in Page(page).tags
 
 
 def test_doubts_and_correlations_stand_beside_their_parameter():
