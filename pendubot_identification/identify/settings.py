@@ -74,8 +74,6 @@ class Settings:
     compensate: bool = True
 
     def __post_init__(self) -> None:
-        if 'trajectory' in self.criteria:
-            raise ParameterError('the criterion trajectory was replaced by likelihood; ask for likelihood')
         if not self.criteria or len(set(self.criteria)) < len(self.criteria):
             raise ParameterError(f'the criteria are {self.criteria}; one or more of {", ".join(CRITERIA)} are expected')
         named = {'criterion': self.criteria, 'delay': self.delays}
