@@ -30,7 +30,7 @@ from pendubot_identification.setting import Setting
 
 from .messages import joint_sample
 from .runtime import SettingsNode, run
-from .topics import message_class, weakest
+from .topics import as_recorded, message_class
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
@@ -155,7 +155,7 @@ class Player(SettingsNode):
         """Return the quality of service of a topic of the bag."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
         texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
-        return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
+        return as_recorded([profile for text in texts for profile in offered_profiles(text)], DEPTH)
 
     def _play(self) -> None:
         try:
