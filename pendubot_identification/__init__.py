@@ -7,10 +7,9 @@ Scripts and notebooks import from here what :mod:`.api` describes; __init__.pyi 
 """
 
 from os import environ
-from types import ModuleType
 from typing import Any
 
-from . import identify, kernel
+from . import kernel
 
 __version__ = '1.0.0'
 #: Names of api.py: importing it takes time, which only who uses it waits for.
@@ -46,25 +45,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-class _Called(ModuleType):
-    """A room of this package that is also a function of :mod:`.api`, with the signature and the help of that."""
-
-    def __call__(self, *recordings: Any, **options: Any) -> Any:
-        return __getattr__('identify')(*recordings, **options)
-
-    @property
-    def __signature__(self) -> Any:
-        from inspect import signature
-
-        return signature(__getattr__('identify'))
-
-    @property
-    def __doc__(self) -> str:  # type: ignore[override]
-        from inspect import getdoc
-
-        return f'identify{self.__signature__}\n\n{getdoc(__getattr__("identify"))}'
-
-
-identify.__class__ = _Called

@@ -27,8 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import ParameterError, PendubotError
 from .files import OutputFolder, write_atomically
 from .formats.export import MEANINGS, export, format_of
-from .identify.estimate import Progress
-from .identify.options import OPTIONS
+from .identification.estimate import Progress
+from .identification.options import OPTIONS
 from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters

@@ -7,8 +7,8 @@ import functools
 
 import yaml
 
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import CRITERIA, Settings
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import CRITERIA, Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.source import Source
 from pendubot_identification.results.assemble import assemble_result

@@ -36,7 +36,7 @@ from pendubot_identification import (
     simulate,
 )
 from pendubot_identification.formats.export import export
-from pendubot_identification.identify.options import OPTIONS
+from pendubot_identification.identification.options import OPTIONS
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.results.options import as_arguments
 from pendubot_identification.trajectories.conventions import CONVERSION
@@ -57,22 +57,18 @@ def test_names_are_the_same_at_run_time_and_for_type_checkers():
     listed = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
     listed |= {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
     assert listed == {*pendubot_identification.__all__} <= {*dir(pendubot_identification)}
-    for name in listed - {'identify'}:
+    for name in listed:
         assert getattr(pendubot_identification, name) is getattr(api, name)
     with pytest.raises(AttributeError, match='no attribute'):
         pendubot_identification.nonsense  # noqa: B018
 
 
-@pytest.mark.parametrize('before', ['', 'import pendubot_identification.identify.options, pendubot_identification.api'])
-def test_importing_takes_nothing_and_identify_is_a_function_and_a_room_whatever_came_first(before):
-    script = f"""
+def test_importing_takes_nothing():
+    script = """
 import json, sys
 import pendubot_identification
-heavy = sorted({{'numpy', 'scipy', 'yaml', 'ctypes'}} & {{*sys.modules}})
-{before}
+heavy = sorted({'numpy', 'scipy', 'yaml', 'ctypes'} & {*sys.modules})
 from pendubot_identification import identify, read
-import pendubot_identification.identify.settings as settings
-assert callable(identify) and identify.settings is settings
 try:
     identify()
 except pendubot_identification.PendubotError as error:

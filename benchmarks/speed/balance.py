@@ -32,8 +32,8 @@ from pendubot_identification.control.linear_control import Design, Loop, margins
 from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
 from pendubot_identification.errors import ControlError
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant, quantised
 from pendubot_identification.trajectories.trajectory import Trajectory

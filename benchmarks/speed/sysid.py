@@ -28,7 +28,7 @@ from pendubot_identification.criteria.prediction_error import STEP as OURS
 from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.formats.masses import rig_of
 from pendubot_identification.formats.robots import mjcf
-from pendubot_identification.identify.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
+from pendubot_identification.identification.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pendubot_identification import __version__, kernel
-from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DATA, DELAY, EXPERT, HOW, WHAT
+from pendubot_identification.identification.options import APPLY_REMEDIES, CRITERION, DATA, DELAY, EXPERT, HOW, WHAT
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting

@@ -9,7 +9,7 @@ import argparse
 import re
 
 from pendubot_identification.errors import PendubotError
-from pendubot_identification.identify.options import CRITERION
+from pendubot_identification.identification.options import CRITERION
 
 from .arguments import parser
 

@@ -21,9 +21,9 @@ from pendubot_identification.errors import (
     wrong_usage,
 )
 from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically, yaml_text
-from pendubot_identification.identify.estimate import Progress
-from pendubot_identification.identify.options import APPLY_REMEDIES, MDE, OPTIONS
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.estimate import Progress
+from pendubot_identification.identification.options import APPLY_REMEDIES, MDE, OPTIONS
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import Datasets, load_datasets, require_files

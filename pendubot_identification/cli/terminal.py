@@ -13,7 +13,7 @@ from contextlib import contextmanager
 
 from tqdm import tqdm
 
-from pendubot_identification.identify.estimate import Progress
+from pendubot_identification.identification.estimate import Progress
 from pendubot_identification.report.tables import J_sentence, own_warnings, parameter_table, remarks
 from pendubot_identification.results.result import Result
 

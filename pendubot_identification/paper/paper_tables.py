@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pendubot_identification.identify.estimate import Estimate
+from pendubot_identification.identification.estimate import Estimate
 from pendubot_identification.model.parameters import NAMES, PAPER, UNITS
 from pendubot_identification.optimizers.mde import MDESettings
 

@@ -18,8 +18,8 @@ from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import PendubotError, UsageError
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import MODELS, default_bounds
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
 from pendubot_identification.report.style import rendered, style

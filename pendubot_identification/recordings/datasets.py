@@ -12,7 +12,7 @@ from itertools import combinations
 from pathlib import Path
 
 from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
-from pendubot_identification.identify.fitting import SETTINGS as FITTING
+from pendubot_identification.identification.fitting import SETTINGS as FITTING
 from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.signals import resample

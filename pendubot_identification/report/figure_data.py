@@ -14,11 +14,11 @@ from scipy.signal import correlate
 
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
-from pendubot_identification.identify.catalogue import FoundEffect, catalogue
-from pendubot_identification.identify.fitting import standardised_innovations
-from pendubot_identification.identify.linear import linear
-from pendubot_identification.identify.prediction import HORIZONS, LOST
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.catalogue import FoundEffect, catalogue
+from pendubot_identification.identification.fitting import standardised_innovations
+from pendubot_identification.identification.linear import linear
+from pendubot_identification.identification.prediction import HORIZONS, LOST
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.results.provenance import Answer

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.stats import binned_statistic
 
 from pendubot_identification.criteria.prediction_error import STEP
-from pendubot_identification.identify.catalogue import compensated
-from pendubot_identification.identify.prediction import predict, state_scale
+from pendubot_identification.identification.catalogue import compensated
+from pendubot_identification.identification.prediction import predict, state_scale
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.results.assemble import predicted

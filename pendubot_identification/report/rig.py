@@ -11,8 +11,8 @@ import shlex
 from dataclasses import astuple
 from typing import Any
 
-from pendubot_identification.identify.options import DELAYS, SPREAD
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.options import DELAYS, SPREAD
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNDER_LOAD
 from pendubot_identification.recordings.source import Source
 from pendubot_identification.results.provenance import IN_MEMORY

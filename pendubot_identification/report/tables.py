@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.excitation.design import Experiment
 from pendubot_identification.excitation.design import Predicted as Excited
-from pendubot_identification.identify.assessment import SETTINGS as ASSESSMENT
+from pendubot_identification.identification.assessment import SETTINGS as ASSESSMENT
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNITS, Parameters
 from pendubot_identification.results.result import CriterionAnswer, Parameter, PartialResult, Predicted, Result

@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pendubot_identification import __version__
-from pendubot_identification.identify.estimate import Estimate
-from pendubot_identification.identify.identification import Identification
-from pendubot_identification.identify.prediction import HORIZONS, Prediction
+from pendubot_identification.identification.estimate import Estimate
+from pendubot_identification.identification.identification import Identification
+from pendubot_identification.identification.prediction import HORIZONS, Prediction
 from pendubot_identification.model.parameters import NAMES, UNDER_LOAD, UNITS
 from pendubot_identification.recordings.source import Source
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pendubot_identification.errors import ExcitationError, PendubotError
-from pendubot_identification.identify.pipeline import check
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.pipeline import check
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.recordings.survey import regularity

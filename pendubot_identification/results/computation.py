@@ -19,10 +19,10 @@ from subprocess import PIPE
 from typing import Any
 
 from pendubot_identification.errors import PendubotError, sentence
-from pendubot_identification.identify.estimate import Progress
-from pendubot_identification.identify.identification import Identification
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.estimate import Progress
+from pendubot_identification.identification.identification import Identification
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
 from pendubot_identification.trajectories.conversion import Conversion
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identify.options import APPLY_REMEDIES, CRITERION, DELAY, OPTIONS, START
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.options import APPLY_REMEDIES, CRITERION, DELAY, OPTIONS, START
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION

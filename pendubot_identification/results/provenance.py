@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import BagError, MissingFileError
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.trajectories.conversion import Conversion

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from pendubot_identification.errors import ResultError
-from pendubot_identification.identify.estimate import Progress
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.estimate import Progress
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS, NAMES, UNITS
 from pendubot_identification.recordings.bag_reader import BagWindow, open_recording, stream_samples

@@ -28,7 +28,7 @@ from typing import Any
 from aiohttp import web
 
 from pendubot_identification.errors import MissingFileError, PendubotError, UsageError
-from pendubot_identification.identify.options import APPLY_REMEDIES, EXPERT, OPTIONS, START
+from pendubot_identification.identification.options import APPLY_REMEDIES, EXPERT, OPTIONS, START
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION

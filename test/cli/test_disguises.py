@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import ROOT

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.prediction_error import STEP
-from pendubot_identification.identify.prediction import state_scale
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.prediction import state_scale
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.report.figure_data import SHOWN, excitation, residuals, simulate_beside

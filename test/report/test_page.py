@@ -18,7 +18,7 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.report import rig

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.results.assemble import assemble_result

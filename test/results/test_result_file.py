@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from pendubot_identification.errors import ResultError
-from pendubot_identification.identify.estimate import Zeros
-from pendubot_identification.identify.settings import CRITERIA
+from pendubot_identification.identification.estimate import Zeros
+from pendubot_identification.identification.settings import CRITERIA
 from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.result import SCHEMA, Parameter, PartialResult

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from benchmarks.tracking.recovery import trial
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.model.simulation import quantised, simulate

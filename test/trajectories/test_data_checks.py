@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.data_checks import data_checks

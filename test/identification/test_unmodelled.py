@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.pipeline import identify
+from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig, record, true

@@ -9,7 +9,7 @@ import pytest
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import residual_weights, weak_regression
-from pendubot_identification.identify.uncertainty import (
+from pendubot_identification.identification.uncertainty import (
     correlations,
     influence_covariance,
     regression_covariance,

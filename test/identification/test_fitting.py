@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.identify import fitting
-from pendubot_identification.identify.fitting import TrainingData, fit_composite
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification import fitting
+from pendubot_identification.identification.fitting import TrainingData, fit_composite
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import LARGEST_COUPLING, PAPER
 from pendubot_identification.model.simulation import simulate

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.identify.conventions import diagnose, link_length
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.conventions import diagnose, link_length
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, quantised, simulate

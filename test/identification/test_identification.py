@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import ExcitationError, ParameterError, TrajectoryError
-from pendubot_identification.identify.assessment import assess
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.prediction import HORIZONS, Prediction, predict, state_scale
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.assessment import assess
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.prediction import HORIZONS, Prediction, predict, state_scale
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
-from test.identify.test_assessment import GOOD
+from test.identification.test_assessment import GOOD
 from test.real import recorded
 from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
 

@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.fitting import TrainingData, fit_composite
-from pendubot_identification.identify.residuals import contradictions, disturbances, recorded_zeros
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.fitting import TrainingData, fit_composite
+from pendubot_identification.identification.residuals import contradictions, disturbances, recorded_zeros
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Parameters, default_bounds
 from pendubot_identification.trajectories.motion import Motion
 from test import real

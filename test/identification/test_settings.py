@@ -6,8 +6,8 @@
 import numpy as np
 import pytest
 
-from pendubot_identification.identify.pipeline import identify
-from pendubot_identification.identify.settings import Settings
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters, default_bounds
 from pendubot_identification.model.simulation import quantised, simulate

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pendubot_identification.criteria.prediction_error import STEP
-from pendubot_identification.identify.prediction import HORIZONS, Prediction, folds, predict, state_scale
+from pendubot_identification.identification.prediction import HORIZONS, Prediction, folds, predict, state_scale
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
