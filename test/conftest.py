@@ -62,7 +62,6 @@ def ros():
 @pytest.fixture
 def run(capsys):
     """Runs pendubot; returns its exit status, what it printed and what it said on stderr."""
-
     from pendubot_identification.cli.main import main
 
     def run(*arguments):

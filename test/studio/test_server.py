@@ -223,11 +223,8 @@ sys.exit(main(['studio', '--no-browser']))
 
 def test_more_than_the_limit_is_not_kept(tmp_path):
     (tmp_path / 'limited.py').write_text(LIMITED)
-    program = Studio.__new__(Studio)
-    program._start('studio', [str(tmp_path / 'limited.py')], {'TMPDIR': str(tmp_path)})
-    with program:
-        program.find()
-        page = program.open()
+    with Studio(program=(tmp_path / 'limited.py',), env={'TMPDIR': str(tmp_path)}) as studio:
+        page = studio.open()
         assert page.give('a.csv', b'x' * 900)[0] == 200
         status, said = page.give('b.csv', b'x' * 200)
         assert status == 400
