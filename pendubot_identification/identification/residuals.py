@@ -53,7 +53,7 @@ def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[
     if sound and not answer.exact:
         yield from disturbances(answer.rough)
     if sound:
-        motions = [compensated(motion, answer.effects, answer.delay) for motion in answer.data.motions]
+        motions = [compensated(motion, answer.effects, answer.delay) for motion in answer.data.excerpt().motions]
         yield from contradictions(motions, answer.model, answer.delay, answer.data.settings.box(answer.model))
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
