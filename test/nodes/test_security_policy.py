@@ -85,10 +85,8 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, tmp_path):
         started = [
             programs.enter_context(Program(name, *words[name], *parameters(**values.get(name, {})))) for name in names
         ]
-        assert spin_until(observer, lambda: not differences(names), 30.0), (
-            differences(names),
-            [p.output for p in started],
-        )
+        if not spin_until(observer, lambda: not differences(names), 30.0):
+            pytest.fail('\n'.join([str(differences(names)), *(each.output for each in started)]))
         return started
 
     try:
