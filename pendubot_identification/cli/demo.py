@@ -44,6 +44,8 @@ DOMAINS = range(1, 101)
 #: Programs in a domain are discovered within this time [s]: usually in 0.2 s, but if first announcements are lost, by
 #: the next, which Fast DDS sends every 3 s.
 DISCOVERY = 4.0
+#: Domains that are tried.
+TRIES = 5
 #: Interval at which conditions are checked [s].
 POLL = 0.02
 
@@ -110,13 +112,13 @@ def own_ros() -> Iterator[tuple[Any, int]]:
     within the context are in the same domain.
 
     Raises:
-        PendubotError: there is no ROS, or other programs are in the domain.
+        PendubotError: there is no ROS, or other programs are in every domain that was tried.
     """
     exported = os.environ.get('ROS_DOMAIN_ID', '').strip()
-    domain = random.choice([each for each in DOMAINS if str(each) != exported])
+    tried = random.sample([each for each in DOMAINS if str(each) != exported], TRIES)
     for name in OUTWARD:
         os.environ.pop(name, None)
-    os.environ |= {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': str(domain)}
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:
         import rclpy
         from rclpy.signals import SignalHandlerOptions
@@ -125,19 +127,24 @@ def own_ros() -> Iterator[tuple[Any, int]]:
             f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
             "package with pip install '.[ros]'; pendubot simulate and pendubot identify need no ROS"
         ) from error
-    # Without its signal handlers, which would end ROS before the programs are ended.
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        # The node stays, so that another demo finds this domain taken.
-        node, deadline = rclpy.create_node('demo'), time.monotonic() + DISCOVERY
-        while time.monotonic() < deadline:
-            if len(node.get_node_names()) > 1 or node.count_publishers('/joint_states'):
-                raise PendubotError(
-                    f'other ROS programs are in domain {domain}, and the demo arms only in one of its own; nothing was '
-                    'armed; try again, which takes another domain'
-                )
-            time.sleep(POLL)
-        yield rclpy, domain
+        for domain in tried:
+            os.environ['ROS_DOMAIN_ID'] = str(domain)
+            # Without its signal handlers, which would end ROS before the programs are ended.
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            # The node stays, so that another demo finds this domain taken.
+            node, deadline, alone = rclpy.create_node('demo'), time.monotonic() + DISCOVERY, True
+            while alone and time.monotonic() < deadline:
+                time.sleep(POLL)
+                alone = len(node.get_node_names()) == 1 and not node.count_publishers('/joint_states')
+            if alone:
+                yield rclpy, domain
+                return
+            rclpy.shutdown()
+        raise PendubotError(
+            f'other ROS programs are in each of the domains {", ".join(map(str, tried))}, and the demo arms only in '
+            'one of its own; nothing was armed; end those programs, or try again'
+        )
     finally:
         rclpy.try_shutdown()
 

@@ -25,20 +25,20 @@ ELSEWHERE = {
     'ROS_LOCALHOST_ONLY': '0',
     'FASTDDS_DEFAULT_PROFILES_FILE': '/nowhere.xml',
 }
-#: Takes a domain, and says whether an exported one might have been taken, the one of ROS, and all of its variables.
+#: Takes one of some domains, and says whether an exported one might have been taken, that of ROS, and its variables.
 OWN = """
 import json, os, random, sys
 from pendubot_identification.cli.demo import own_ros
 offered = []
-random.choice = lambda domains: offered.extend(domains) or int(sys.argv[1])
+random.sample = lambda domains, _: offered.extend(domains) or [*map(int, sys.argv[1:])]
 with own_ros() as (rclpy, domain):
     print(json.dumps([77 in offered, rclpy.get_default_context().get_domain_id(), dict(os.environ)]))
 """
 
 
-def own(domain):
-    """Let a process of its own take a domain."""
-    command = [sys.executable, '-c', OWN, str(domain)]
+def own(*domains):
+    """Let a process of its own take one of some domains."""
+    command = [sys.executable, '-c', OWN, *map(str, domains)]
     return subprocess.run(command, env={**os.environ, **ELSEWHERE}, capture_output=True, text=True, timeout=60)
 
 
@@ -48,9 +48,9 @@ def test_the_demo_is_alone_on_this_computer(ros):
     taken = int(os.environ['ROS_DOMAIN_ID'])
     refused = own(taken)
     assert refused.returncode == 1
-    assert re.search(f'other ROS programs are in domain {taken}, .* nothing was armed', refused.stderr)
+    assert re.search(f'other ROS programs are in each of the domains {taken}, .* nothing was armed', refused.stderr)
     free = taken % 100 + 1
-    offered, domain, variables = json.loads(own(free).stdout)
+    offered, domain, variables = json.loads(own(taken, free).stdout)
     assert (offered, domain, variables['ROS_DOMAIN_ID']) == (False, free, str(free))
     assert variables['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert not {*ELSEWHERE} & {*variables} - {'ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'}
