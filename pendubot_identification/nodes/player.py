@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from pendubot_identification.results.result_file import read_result
 from pendubot_identification.setting import Setting
 
 from .messages import joint_sample
-from .runtime import SettingsNode, run
+from .runtime import JOINTS, SettingsNode, run
 from .topics import as_recorded, message_class
 
 SECOND = 1_000_000_000
@@ -47,12 +48,12 @@ class Ghost:
         PendubotError: the result cannot be read, or no rig has its parameters.
     """
 
-    def __init__(self, node: Node, result: Path) -> None:
-        found = read_result(result)
+    def __init__(self, node: Node, result: Path, joint_names: Sequence[str]) -> None:
+        found, self._names = read_result(result), joint_names
         self._plant = LatePlant(found.theta, max(found.effort.delay, 0.0))
         self._publisher = node.create_publisher(JointState, 'ghost/joint_states', 1000)
         self._t = self._begun = -math.inf
-        self._q, self._effort = HANGING, 0.0
+        self._q, self._effort = HANGING, (0.0, 0.0)
 
     def follow(self, data: bytes) -> None:
         """Publish its state at the time of a recorded message of joint states; raise ControlError if that lacks some.
@@ -60,18 +61,19 @@ class Ghost:
         Velocities that were not recorded are taken from two samples.
         """
         message = deserialize_message(data, JointState)
-        t, q, effort = joint_sample(message, JOINT_NAMES)
+        t, q, effort = joint_sample(message, self._names)
         if (passed := t - self._t) <= 0:
             return
         if passed < RESTART:
-            self._plant.advance((self._effort, 0.0), passed)
+            self._plant.advance(self._effort, passed)
         if t - self._begun >= RESTART:
             speeds = dict(zip(message.name, message.velocity, strict=False))
             slopes = [(now - before) / passed for now, before in zip(q, self._q, strict=True)]
-            qd: Pair = tuple(map(speeds.get, JOINT_NAMES, slopes))
+            qd: Pair = tuple(map(speeds.get, self._names, slopes))
             self._plant.place(q, qd)
             self._begun = t
-        self._t, self._q, self._effort = t, q, effort
+        elbow = dict(zip(message.name, message.effort, strict=False)).get(self._names[1], 0.0)
+        self._t, self._q, self._effort = t, q, (effort, elbow)
         self._publisher.publish(JointState(header=message.header, name=JOINT_NAMES, position=self._plant.q))
 
 
@@ -91,6 +93,7 @@ class Player(SettingsNode):
         Setting('rate', 1.0, 'how many times as fast as recorded', '', 0.001, 1000.0),
         Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
         Setting('ghost', '', 'result file, whose rig is simulated beside the bag on ghost/joint_states; empty: none'),
+        JOINTS,
     )
 
     def _open(self, s: dict[str, Any]) -> None:
@@ -109,7 +112,7 @@ class Player(SettingsNode):
             name: self.create_publisher(message_class(name, kind), self._published(name), self._qos(name))
             for name, kind in kinds.items()
         }
-        self._ghost = Ghost(self, Path(s['ghost'])) if s['ghost'] else None
+        self._ghost = Ghost(self, Path(s['ghost']), s['joint_names']) if s['ghost'] else None
         self._joint_states = self.resolve_topic_name('joint_states')
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._play, daemon=True)

@@ -13,8 +13,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import simulate
 from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter
-from pendubot_identification.recordings.joint_states import JOINT_STATE, decode_joint_state, encode_joint_state
+from pendubot_identification.recordings.joint_states import (
+    JOINT_STATE,
+    decode_joint_state,
+    encode_joint_state,
+    write_trajectory,
+)
 from test.conftest import ROOT
 from test.nodes.conftest import written
 from test.processes import Program, parameters, spin_until
@@ -113,7 +119,7 @@ def test_the_pace_is_the_recordings_and_a_late_subscriber_hears_what_is_latched(
 def test_an_identified_rig_moves_beside_the_played_one_as_a_ghost(tmp_path, node):
     """By the recorded torque, from the recorded state on, for a second at a time."""
 
-    def worst(parameters):
+    def worst(parameters, bag=f'{SAMPLE}@0:3'):
         """Return the largest difference to the samples as played [rad] by joint."""
         found = {}, {}
         for topic, positions in zip(('joint_states', 'ghost/joint_states'), found, strict=True):
@@ -124,7 +130,7 @@ def test_an_identified_rig_moves_beside_the_played_one_as_a_ghost(tmp_path, node
                 1000,
             )
         ghost = written(tmp_path / 'rig.yaml', parameters)
-        with player(f'{SAMPLE}@0:3', rate=2.0, topics='[/joint_states]', ghost=ghost) as program:
+        with player(bag, rate=2.0, topics='[/joint_states]', ghost=ghost) as program:
             assert spin_until(node, lambda: program.process.poll() == 0), program.output
         spin_until(node, lambda: len(found[1]) == len(found[0]), 1.0)
         played, simulated = found
@@ -132,6 +138,9 @@ def test_an_identified_rig_moves_beside_the_played_one_as_a_ghost(tmp_path, node
         return np.abs([np.subtract(q, played[stamp]) for stamp, q in simulated.items()]).max(axis=0)
 
     assert worst(PAPER).max() < 0.02
+    t = np.arange(300) * 0.01
+    write_trajectory(tmp_path / 'driven', simulate(PAPER, t, 0.002 * np.column_stack([0 * t, np.sin(5 * t)])))
+    assert worst(PAPER, tmp_path / 'driven').max() < 0.002, 'the motor of the elbow, where there is one'
     assert worst(replace(PAPER, P4=2 * PAPER.P4)).max() > 0.05
 
 
