@@ -139,14 +139,10 @@ def _reading(parser: Any, *, joints: bool = False) -> Any:
     )
     _path(group, '--settings', 'FILE', words)
     if joints:
-        _joints(group)
+        group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
+        words = 'joint names in a bag (default %(default)s)'
+        group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
     return group
-
-
-def _joints(group: Any) -> None:
-    group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
-    words = 'joint names in a bag (default %(default)s)'
-    group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
 
 
 def _outputs(parser: Any, what: str) -> Any:
@@ -252,9 +248,7 @@ def _compare(parser: Any) -> None:
     """
     _path(parser, 'results', RESULT, 'two or more results', nargs='+')
     parser.add_argument('--on', metavar=WINDOW, help='a recording whose motion each of them predicts')
-    group = parser.add_argument_group('how it is read')
-    _path(group, '--settings', 'FILE', 'its options, from a file of --save-settings or a result')
-    _joints(group)
+    _reading(parser, joints=True)
     _switch(parser, '--json', JSON)
 
 

@@ -6,11 +6,12 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
 from pendubot_identification.formats.export import FORMATS, ROBOTS
 from pendubot_identification.model.parameters import BALANCE, NAMES
-from pendubot_identification.recordings.bag_reader import BagReader
+from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
 from test.conftest import ROOT
 from test.identified import plain, write
 
@@ -69,6 +70,15 @@ def test_they_stand_side_by_side_with_what_each_predicts_of_a_bag(compared, run)
     assert out.startswith('A  a.yaml\nB  b.yaml\n')
     found = compared('a.yaml', 'b.yaml', '--on', f'{SAMPLE}@9:18')
     assert all(w < e < s for e, w, s in zip(*found['error'], found['persistence'], strict=True))
+
+
+def test_a_file_is_read_by_the_option_that_the_refusal_names(folder, compared, refused):
+    motion = read_trajectory(SAMPLE).trajectory[900:]
+    table = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
+    np.savetxt(folder / 'day.csv', table, delimiter=',', header='A day\nt,q1,q2,tau1', comments='')
+    option = refused('compare', 'a.yaml', 'b.yaml', '--on', 'day.csv').partition('add ')[2].split()
+    assert option == ['--skip-rows', '1']
+    assert compared('a.yaml', 'b.yaml', '--on', 'day.csv', *option)['error']
 
 
 @pytest.mark.parametrize(('window', 'shared'), [('0:4', True), ('3:7', True), ('4:8', False)])
