@@ -23,6 +23,9 @@ GEARED = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.002
 C1 = Parameters(0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.251, 0.188, 0.0026)
 CHAOTIC = {'rig': C1, 'strength': 3.0, 'width': 0.5, 'hold': 0.2}
 
+#: A small rig with geared motors: dry friction stops its elbow within 0.6 ms.
+STIFF = Parameters(0.015, 0.0069, 0.0079, 0.124, 0.063, 0.017, 0.0058, 0.083, 0.088, 5e-4, 0.04, 0.0085, 0.02, 0.118)
+
 
 def recording(
     samples=900, interval=0.01, *, seed=1, counts=4000, rig=PAPER, delay=0.0, strength=1.0, name=None, **pulses

@@ -523,7 +523,9 @@ def bounded_step(
     information: Array, slope: Array, damping: float, low: Array, high: Array, sought: Flags
 ) -> tuple[Array, float]:
     """Return the damped scoring step within bounds, and by how much J should fall."""
-    index = np.flatnonzero(sought & (np.diag(information) > 0))
+    index, step = np.flatnonzero(sought & (np.diag(information) > 0)), np.zeros(len(slope))
+    if not index.size:
+        return step, 0.0
     H, g = information[np.ix_(index, index)], slope[index]
     scale = np.sqrt(np.diag(H))
     H = H / scale / scale[:, None] + damping * np.eye(len(index))
@@ -533,6 +535,5 @@ def bounded_step(
     root = (vectors * np.sqrt(values)).T
     target = -(vectors / np.sqrt(values)).T @ g
     d = lsq_linear(root, target, (low[index] * scale, high[index] * scale), 'bvls', tol=1e-15).x
-    step = np.zeros(len(slope))
     step[index] = d / scale
     return step, float(-(g @ d) - d @ H @ d / 2)

@@ -21,15 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.parameters import Bounds, repaired
+from pendubot_identification.model.parameters import Bounds, Parameters, repaired
 from pendubot_identification.model.rollout import roll, sensitivities
+from pendubot_identification.model.simulation import substeps
 from pendubot_identification.trajectories.motion import Motion
 
 from .likelihood import FilterData, bounded_step
 
 Array = NDArray[np.float64]
 
-#: Runge-Kutta step [s], which divides all horizons.
+#: Runge-Kutta step [s], which divides all horizons; stiff friction needs parts of it.
 STEP = 0.005
 
 
@@ -65,6 +66,7 @@ class Simulations:
         t: when each begins [s], shape (L,).
         start: states there, shape (4, L).
         end: smoothed states at every horizon, shape (H, 4, L).
+        substeps: into how many steps :data:`STEP` is divided.
         tau: mean torques of every step, shape (2, K, L).
         at: the step at which each horizon ends.
     """
@@ -73,16 +75,25 @@ class Simulations:
     t: Array
     start: Array
     end: Array
+    substeps: int
     tau: Array
     at: tuple[int, ...]
 
     @classmethod
     def of(
-        cls, motions: Sequence[Motion], delay: float, offset: Array, horizons: Sequence[float], stride: float
+        cls,
+        motions: Sequence[Motion],
+        theta: Array,
+        delay: float,
+        offset: Array,
+        horizons: Sequence[float],
+        stride: float,
     ) -> Simulations:
-        """Cut all simulations whose longest horizon lies within a recording."""
-        at = tuple(round(horizon / STEP) for horizon in horizons)
-        numbers, times, starts, ends, torques = [], [], [], [], []
+        """Cut all simulations whose longest horizon lies within a recording, in steps that suit theta, shape (D,)."""
+        torques = np.sqrt(np.mean([np.mean(m.recorded.tau**2, axis=0) for m in motions], axis=0))
+        parts = substeps(Parameters.from_vector(theta), torques, STEP)
+        at = tuple(round(horizon / STEP) * parts for horizon in horizons)
+        numbers, times, starts, ends, tau = [], [], [], [], []
         shift = np.array([*offset, 0.0, 0.0])[:, None]
         for number, motion in enumerate(motions):
             first, last = motion.start + max(delay, 0.0), motion.end + min(delay, 0.0) - max(horizons)
@@ -91,25 +102,26 @@ class Simulations:
             times.append(t)
             starts.append(motion.states(t) - shift)
             ends.append([motion.states(t + horizon) - shift for horizon in horizons])
-            torques.append(motion.torques(t - delay, STEP, max(at)))
+            tau.append(motion.torques(t - delay, STEP / parts, max(at)))
         return cls(
             np.concatenate(numbers),
             np.concatenate(times),
             np.concatenate(starts, axis=1),
             np.concatenate([np.array(e).reshape(len(at), 4, -1) for e in ends], axis=2),
-            np.concatenate(torques, axis=2),
+            parts,
+            np.concatenate(tau, axis=2),
             at,
         )
 
     def errors(self, theta: Array) -> tuple[Array, Array]:
         """Return the errors at every horizon, shape (H, 4, L), and the states of all steps."""
-        states = roll(theta, self.start, self.tau, STEP)
+        states = roll(theta, self.start, self.tau, STEP / self.substeps)
         return states[list(self.at)] - self.end, states
 
     def derivatives(self, theta: Array, states: Array) -> Array:
         """Return the errors' derivatives by theta, shape (H, 4, D, L)."""
         every = int(np.gcd.reduce(self.at))
-        by = sensitivities(theta, states, self.tau, STEP, every)
+        by = sensitivities(theta, states, self.tau, STEP / self.substeps, every)
         return np.asarray(by[[k // every for k in self.at]][:, :, 4:])
 
 
@@ -163,7 +175,7 @@ def refine(
         settings: see :class:`PredictionSettings`.
     """
     settings = settings or PredictionSettings()
-    simulations = Simulations.of(motions, delay, offset, settings.horizons, settings.stride)
+    simulations = Simulations.of(motions, theta, delay, offset, settings.horizons, settings.stride)
     if not len(simulations.t):
         raise TrajectoryError(f'all recordings are shorter than {max(settings.horizons):g} s; choose longer windows')
     number = simulations.recording

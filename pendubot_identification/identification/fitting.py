@@ -10,7 +10,7 @@ the prediction error, unless an unmodelled effect was accepted: then the joint l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,8 @@ from pendubot_identification.criteria.likelihood import (
 )
 from pendubot_identification.criteria.prediction_error import refine
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, repaired
+from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, repaired
+from pendubot_identification.model.simulation import substeps
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -61,7 +62,7 @@ class FittingSettings:
         variance: mean of the squared innovations over their expected variances, at most, in every recording.
         least: unexplained fraction of the innovations' variance that shows an effect: from the same factor.
         fine: Runge-Kutta step [s] of the exact step where a joint is slower than ``slow`` [rad/s].
-        slow: six widths of the change of sign of dry friction.
+        slow: six widths of the change of sign of dry friction, within which steps are as short as it needs.
         between: longest such step [s] where the delay lets the torque change between samples, by more than a tenth of
             it: steps take its mean.
         several: with fewer recordings, blocks of time take their place.
@@ -362,7 +363,7 @@ def standardised_innovations(
     Theta and delay stay as they are; the noise is fitted.
     """
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
-    filter_data = FilterData.of(motions, LikelihoodSettings(intervals=LikelihoodSettings().intervals[:1]))
+    filter_data = FilterData.of(motions, _shortest(_stable_step(data, theta)))
     lower, upper = _limits(data, filter_data)
     known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
     lower[:SHARED], upper[:SHARED] = known, known
@@ -410,33 +411,71 @@ def _limits(data: TrainingData, filter_data: FilterData) -> tuple[Array, Array]:
 
 
 def _first_fit(data: TrainingData, progress: Progress) -> Problem:
-    """Fit the shortest interval alone, from the weak criterion or from given parameters."""
-    shortest = LikelihoodSettings().intervals[:1]
-    filter_data = FilterData.of(data.motions, LikelihoodSettings(intervals=shortest))
+    """Fit the shortest interval alone, from each of the rough parameters, and return the likeliest answer.
+
+    Dry friction is stiff: if the answer has more of it than the steps allow for, all is done anew with finer ones.
+    """
+    starts = list(_rough(data))
+    fine = max(_stable_step(data, theta) for theta, _ in starts)
+    while True:
+        tried = [found for theta, delay in starts if (found := _fit_from(data, theta, delay, fine, progress))]
+        if not tried:
+            raise TrajectoryError(
+                f'{data.motions[0].name}: no filter follows this motion from the rough parameters; check signs, units '
+                'and stamps, or choose another part of the recording'
+            )
+        found = min(tried, key=lambda problem: problem.fit.cost)
+        theta, used = found.fit.x[:GEARED], fine
+        fine = _stable_step(data, theta)
+        if fine >= used:
+            return found
+        starts.append((theta.copy(), float(found.fit.x[GEARED])))
+
+
+def _stable_step(data: TrainingData, theta: Array) -> float:
+    """Return the longest step [s] of the filter in which dry friction of this size is stable."""
+    step = LikelihoodSettings().step
+    return step / substeps(Parameters.from_vector(theta), _effort(data), step)
+
+
+def _shortest(fine: float) -> LikelihoodSettings:
+    """Return how recordings are read at the shortest interval, in steps of at most ``fine`` [s] near standstill."""
+    return LikelihoodSettings(intervals=LikelihoodSettings().intervals[:1], fine=fine, slow=SETTINGS.slow)
+
+
+def _fit_from(data: TrainingData, theta: Array, delay: float, fine: float, progress: Progress) -> Problem | None:
+    """Fit the shortest interval from rough parameters; None where the filter diverges whatever its noise."""
+    filter_data = FilterData.of(data.motions, _shortest(fine))
     lower, upper = _limits(data, filter_data)
-    asked = data.settings.start
-    if asked is not None:
-        theta, delay = asked.vector('geared'), data.settings.least_delay
-    else:
-        model = 'geared' if data.settings.model == 'auto' else data.settings.model
-        made = data.linear('weak', model)
-        theta, delay = np.zeros(GEARED), made.delay
-        theta[: MODELS[model]] = made.criterion.minimum(data.settings.box(model))
-    theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
-    like = Likelihood(filter_data, scale=_scale(data, theta))
-    noise = _first_noise(data, filter_data)
-    louder, smaller, none = SETTINGS.louder, SETTINGS.smaller, data.settings.least_delay
-    for noisy, small, late in ((1.0, 1.0, delay), (louder, 1.0, delay), (louder, 1.0, none), (louder, smaller, none)):
+    like, noise = Likelihood(filter_data, scale=_scale(data, theta)), _first_noise(data, filter_data)
+    for noisy, small in ((1.0, 1.0), (SETTINGS.louder, 1.0), (SETTINGS.louder, SETTINGS.smaller)):
         begin = np.append(small * theta[:5], theta[5:])
-        x = np.concatenate([begin, [late, 0.0, 0.0], noise + np.log([1.0, 1.0, noisy, noisy])])
+        x = np.concatenate([begin, [delay, 0.0, 0.0], noise + np.log([1.0, 1.0, noisy, noisy])])
         try:
             return Problem(like, _fit(like, x, lower, upper, progress), lower, upper)
         except FloatingPointError:
             continue
-    raise TrajectoryError(
-        f'{data.motions[0].name}: no filter follows this motion from the rough parameters; check signs, units and '
-        'stamps, or choose another part of the recording'
-    )
+    return None
+
+
+def _rough(data: TrainingData) -> Iterator[tuple[Array, float]]:
+    """Yield theta, shape (14,), and a delay [s] to start from: those given, or the answers of the weak criterion.
+
+    Smoothed velocities of few samples may pass for a delay of the torque, so that it is tried without one, too.
+    """
+    settings = data.settings
+    none, model = settings.least_delay, 'geared' if settings.model == 'auto' else settings.model
+    if settings.start is not None:
+        yield settings.start.vector('geared'), none
+        return
+    made = [data.linear('weak', model)]
+    if abs(made[0].delay - none) > max(m.interval for m in data.motions) / 2:
+        made.append(linear('weak', data.motions, model, replace(settings, delays=(none, none))))
+    for each in made:
+        theta = np.zeros(GEARED)
+        theta[: MODELS[model]] = each.criterion.minimum(settings.box(model))
+        theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
+        yield theta, each.delay
 
 
 def _first_noise(data: TrainingData, filter_data: FilterData) -> Array:
@@ -451,9 +490,9 @@ def _fit(like: Likelihood, x: Array, lower: Array, upper: Array, progress: Progr
 
 def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Problem:
     """Fit all intervals, from the shortest one's answer; intervals at which a filter diverges are left out."""
-    intervals = LikelihoodSettings().intervals
+    intervals, how = LikelihoodSettings().intervals, rough.likelihood.filter_data.settings
     while True:
-        filter_data = FilterData.of(data.motions, LikelihoodSettings(intervals=intervals))
+        filter_data = FilterData.of(data.motions, replace(how, intervals=intervals))
         like, at = rough.likelihood.of(filter_data), rough.likelihood.shared
 
         def wider(values: Array, at: int = at, count: int = len(intervals)) -> Array:

@@ -127,7 +127,7 @@ def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array)
         long = [m for m, length in zip(motions, longest, strict=True) if length >= horizon + m.interval]
         if not long:
             continue
-        simulations = Simulations.of(long, delay, np.zeros(2), (horizon,), STRIDE)
+        simulations = Simulations.of(long, theta, delay, np.zeros(2), (horizon,), STRIDE)
         with np.errstate(all='ignore'):
             off = simulations.errors(theta)[0][0] / scale[:, None]
         off = np.where(np.isfinite(off), np.clip(off, -LOST, LOST), LOST)

@@ -33,6 +33,8 @@ class StepSettings:
     longest: float = 1e-3  #: Longest step [s].
     of_swing: float = 0.03  #: Longest step, over the period of the highest frequency [rad/s] of the rig.
     of_decay: float = 0.25  #: Longest step, over the time constant of the highest rate [1/s] of friction.
+    stable: float = 2.5  #: Longest step of a coarse simulation, over that time constant: beyond 2.78 it oscillates.
+    finest: int = 10  #: Most parts into which a step of a coarse simulation is divided.
 
 
 SETTINGS = StepSettings()
@@ -117,6 +119,18 @@ def longest_step(parameters: Parameters, torque: float) -> float:
     """Return the longest step [s] with which :class:`Plant` simulates under shoulder torques up to this [N m]."""
     swing, friction, load = _step_rates(parameters)
     return 1 / max(swing, friction + load[0] * torque)
+
+
+def substeps(parameters: Parameters, torques: Array, step: float) -> int:
+    """Return into how many parts a Runge-Kutta step [s] is divided, so that it is stable under friction at rest.
+
+    ``torques``: usual ones of both joints [N m], shape (2,).
+    """
+    if parameters.unphysical():
+        return SETTINGS.finest
+    _, friction, load = _step_rates(parameters)
+    rate = SETTINGS.of_decay * (friction + load[0] * torques[0] + load[1] * torques[1])
+    return math.ceil(min(max(step * float(rate) / SETTINGS.stable, 1.0), SETTINGS.finest))
 
 
 def _step_rates(p: Parameters) -> tuple[float, float, Pair]:

@@ -131,7 +131,7 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
     ahead = STEP * int(min(AHEAD, longest) / STEP)
     found = []
     for motion in (m for m in motions if m.end - m.start - 2 * margin >= ahead):
-        simulations = Simulations.of([motion], answer.delay, np.zeros(2), (ahead,), ahead)
+        simulations = Simulations.of([motion], answer.theta, answer.delay, np.zeros(2), (ahead,), ahead)
         with np.errstate(all='ignore'):
             off, states = simulations.errors(answer.theta)
             off = np.nan_to_num(np.abs(off[0] / scale[:, None]), nan=LOST, posinf=LOST)
@@ -139,6 +139,7 @@ def simulate_beside(motions: Sequence[Motion], answer: Answer, scale: Array) -> 
         count = min(len(errors), max(1, round(SHOWN / ahead)))
         sums = np.convolve(errors, np.ones(count), mode='valid') / count
         first = int(np.argmax(sums))
+        states = states[:: simulations.substeps]
         found.append((float(sums[first]), motion, simulations.t, states, slice(first, first + count)))
     _, motion, starts, states, shown = max(found, key=lambda each: each[0])
     states = np.where(np.isfinite(states), states, np.nan)[:, :, shown]

@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 from scipy.interpolate import PPoly
 
-from pendubot_identification.criteria.likelihood import SHARED, Extension, FilterData, Unknown, fit, fitted_information
+from pendubot_identification.criteria.likelihood import (
+    SHARED,
+    Extension,
+    FilterData,
+    Unknown,
+    bounded_step,
+    fit,
+    fitted_information,
+)
 from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
@@ -158,6 +166,13 @@ def test_bounds_are_kept(moved):
     assert (found.x >= lower).all()
     assert (found.x <= upper).all()
     assert found.x[2] ** 2 < found.x[0] * found.x[1]
+
+
+def test_without_information_there_is_no_step():
+    zero = np.zeros(2)
+    step, gain = bounded_step(np.zeros((2, 2)), zero, 1e-3, zero - 1, zero + 1, np.ones(2, dtype=bool))
+    assert (step == 0).all()
+    assert gain == 0
 
 
 def test_a_start_at_which_the_mass_matrix_is_singular_is_no_trap(moved):

@@ -47,8 +47,8 @@ def off(theta):
 
 
 def test_derivatives_are_the_differences_of_errors(moved):
-    simulations = Simulations.of(moved, 0.004, np.array([0.01, -0.02]), HORIZONS, STRIDE)
     theta = 1.05 * TRUE + 0.01
+    simulations = Simulations.of(moved, theta, 0.004, np.array([0.01, -0.02]), HORIZONS, STRIDE)
     errors, states = simulations.errors(theta)
     found = simulations.derivatives(theta, states)
     assert found.shape == (3, 4, 14, len(simulations.t))
@@ -60,7 +60,7 @@ def test_derivatives_are_the_differences_of_errors(moved):
 
 def test_simulations_lie_within_their_recordings(moved):
     parts = [moved[0], moved[1].part(1.0, 1.3), moved[2].part(2.0, 4.0)]
-    simulations = Simulations.of(parts, 0.01, np.zeros(2), HORIZONS, STRIDE)
+    simulations = Simulations.of(parts, TRUE, 0.01, np.zeros(2), HORIZONS, STRIDE)
     assert set(simulations.recording) == {0, 2}
     for number in (0, 2):
         t = simulations.t[simulations.recording == number]
@@ -73,7 +73,7 @@ def test_simulations_lie_within_their_recordings(moved):
 def test_slopes_and_information_are_the_criterions(moved):
     found = refined(moved, 1.1 * TRUE, 1e4 * np.diag(1 / np.maximum(TRUE, 0.01) ** 2))
     settings, filter_data = PredictionSettings(), FilterData.of(moved)
-    simulations = Simulations.of(moved, 0.0, np.zeros(2), HORIZONS, STRIDE)
+    simulations = Simulations.of(moved, 1.1 * TRUE, 0.0, np.zeros(2), HORIZONS, STRIDE)
     number = simulations.recording
     block = np.concatenate([filter_data.block_of(k, simulations.t[number == k]) for k in range(3)])
     count = settings.weight * sum(m.end - m.start for m in moved) / 0.5 / len(number)

@@ -21,7 +21,7 @@ from pendubot_identification.model.simulation import HANGING, quantised, simulat
 from pendubot_identification.trajectories.motion import Motion
 from test.identification.test_assessment import GOOD
 from test.real import recorded
-from test.virtual import C1, CHAOTIC, GEARED, exact_motion, recording
+from test.virtual import C1, CHAOTIC, GEARED, STIFF, exact_motion, recording
 
 TRUTH = PAPER.vector()
 #: Criteria that cost little.
@@ -245,6 +245,14 @@ def test_a_start_that_is_wrong_by_three_arrives():
     result = identify([recording(400, seed=2)], [], replace(LIKELIHOOD, start=Parameters(*(TRUTH * off))))
     assert wrong(result.best) < 0.01
     assert result.level is Level.OK
+
+
+@pytest.mark.parametrize('seed', [2, 4])
+def test_a_stiff_rig_is_identified_from_few_samples(seed):
+    """At 33 Hz; of seed 4, smoothed velocities pass for a delay of 45 ms, from which another minimum is near."""
+    result = identify([recording(300, 0.03, rig=STIFF, seed=seed, strength=4.0)], [], Settings(hold='zero'))
+    np.testing.assert_allclose(result.best.theta[:5], STIFF.vector()[:5], rtol=0.03)
+    assert abs(result.best.effort.delay) < 1e-3
 
 
 def test_data_in_chaotic_motion_are_explained_exactly():

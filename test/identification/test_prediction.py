@@ -23,17 +23,20 @@ SCALE = np.array([0.7, 1.5, 3.0, 8.0])
 COUNT = len(HORIZONS)
 
 
-@pytest.mark.parametrize(('model', 'delay'), [('viscous', 0), ('coulomb', 3), ('rotor', 0), ('geared', -5)])
-def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay):
-    motions = [exact_motion(vector(model), 450, STEP, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
+@pytest.mark.parametrize(
+    ('model', 'delay', 'parts'), [('viscous', 0, 1), ('coulomb', 3, 1), ('rotor', 0, 1), ('geared', -5, 2)]
+)
+def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay, parts):
+    step = STEP / parts
+    motions = [exact_motion(vector(model), 450 * parts, step, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
     scale = state_scale(motions)
-    prediction = predict(motions, vector(model), STEP * delay, scale)
+    prediction = predict(motions, vector(model), step * delay, scale)
     np.testing.assert_allclose(prediction.errors, 0, atol=1e-6)
     np.testing.assert_allclose(prediction.fit, 100, atol=1e-3)
     assert prediction.loss < -10
     assert (prediction.starts > 20).all()
-    assert (predict(motions, vector(model), STEP * delay + 0.02, scale).error > 0.005).all()
-    assert (predict(motions, vector(model) * 1.5, STEP * delay, scale).error[1:] > 0.001).all()
+    assert (predict(motions, vector(model), step * delay + 0.02, scale).error > 0.005).all()
+    assert (predict(motions, vector(model) * 1.5, step * delay, scale).error[1:] > 0.001).all()
     assert (prediction.persistence > 0.05).all()
 
 

@@ -13,7 +13,9 @@ from scipy.integrate import solve_ivp
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER, Parameters
-from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate, substeps
+from test.virtual import C1, STIFF
 
 #: The paper's rig; the same with a geared motor at each joint; a heavier one, whose friction stops it in 2 ms.
 RIGS = {
@@ -47,6 +49,18 @@ def test_agrees_with_an_adaptive_integrator(name):
     count = 2 * math.pi / 4000
     np.testing.assert_allclose(motion.q[-1], x[:2], atol=0.1 * count if rig.Fc1 else 1e-6)
     np.testing.assert_allclose(motion.qd[-1], x[2:], atol=3 * count if rig.Fc1 else 1e-6)
+
+
+@pytest.mark.parametrize(('rig', 'parts'), [(PAPER, 1), (replace(C1, Fs2=0.16), 2), (STIFF, 5)])
+def test_coarse_steps_are_divided_until_friction_is_stable(rig, parts):
+    """Where it is not, a rig at rest shakes for ever."""
+    step, torques = 0.005, np.array([0.1, 0.0])
+    assert substeps(rig, torques, step) == parts
+    tau = np.zeros((2, 100 * parts, 1))
+    states = roll(rig.vector(), np.array([[-1.5], [0.02], [0.0], [0.05]]), tau, step / parts)[::parts, :, 0]
+    exact = simulate(rig, np.arange(101) * step, np.zeros((101, 2)), (-1.5, 0.02), (0.0, 0.05))
+    np.testing.assert_allclose(states[:, :2], exact.q, atol=5e-4)
+    assert substeps(replace(rig, P2=0.0, J2=0.0), torques, step) == 10
 
 
 def test_a_rig_that_cannot_be_is_refused():
