@@ -40,7 +40,7 @@ from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .arguments import FAILING
-from .options import given_options, joint_names
+from .options import given_options
 from .terminal import brief, progress_bar
 
 
@@ -53,7 +53,6 @@ def run_identify(args: argparse.Namespace) -> int:
             raise APPLY_REMEDIES.refusal(apply_remedies)
         settings = _settings(args, options)
         bags = [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
-        names = joint_names(args)
         require_files(settings.reading, bags)
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
@@ -63,7 +62,7 @@ def run_identify(args: argparse.Namespace) -> int:
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         for target in outputs:
             refuse_unwritable(target, overwrite=args.force)
-        result, motions = _identify(args, settings, names, apply_remedies=apply_remedies)
+        result, motions = _identify(args, settings, apply_remedies=apply_remedies)
         try:
             if args.output is not None:
                 write_atomically(args.output, result_text(result), overwrite=args.force)
@@ -127,29 +126,25 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
 
 
 def _identify(
-    args: argparse.Namespace, settings: Settings, names: Sequence[str], *, apply_remedies: bool
+    args: argparse.Namespace, settings: Settings, *, apply_remedies: bool
 ) -> tuple[Result, tuple[Sequence[Trajectory], Sequence[Trajectory]]]:
     """Return the result, and the motions for training and validation."""
     with progress_bar(hidden=args.json) as progress:
 
         def load(conversion: Conversion) -> Datasets:
             try:
-                return load_datasets(
-                    args.bags, args.validate, topic=args.topic, joint_names=names, conversion=conversion
-                )
+                return load_datasets(args.bags, args.validate, conversion)
             except LongRecordingError as error:
-                raise _with_windows(error, args.topic, names, conversion, progress) from error
+                raise _with_windows(error, conversion, progress) from error
 
         found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
     return assemble_result(found, data.sources), (data.training, data.validation)
 
 
-def _with_windows(
-    error: LongRecordingError, topic: str, names: Sequence[str], conversion: Conversion, progress: Progress
-) -> PendubotError:
+def _with_windows(error: LongRecordingError, conversion: Conversion, progress: Progress) -> PendubotError:
     """Return an error that names the informative windows of a recording that is too long."""
     try:
-        _, track = track_recordings(Start(), [BagWindow.parse(error.window)], topic, names, conversion, progress)
+        _, track = track_recordings(Start(), [BagWindow.parse(error.window)], conversion, progress)
     except PendubotError:
         return error  # its windows are refused with the reason
     if not track.windows:

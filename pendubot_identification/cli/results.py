@@ -22,7 +22,7 @@ from pendubot_identification.results.provenance import recordings
 from pendubot_identification.results.result_file import read_complete_result, read_result
 
 from .arguments import flag
-from .options import conversion_of, joint_names
+from .options import conversion_of
 from .terminal import progress_bar
 
 
@@ -56,13 +56,13 @@ def run_compare(args: argparse.Namespace) -> int:
     if len(set(args.results)) < max(2, len(args.results)):
         raise UsageError(f'{args.results[0]} is one result alone, or twice the same; name two or more that differ')
     with wrong_usage():
-        conversion, names = conversion_of(args), joint_names(args)
+        conversion = conversion_of(args)
         window = None if args.on is None else BagWindow.parse(args.on)
         if window is not None:
             require_files(conversion, [window.path])
     results, recorded = {str(path): read_result(path) for path in args.results}, None
     if window is not None:
-        recorded = read_trajectory(window, topic=args.topic, joint_names=names, conversion=conversion)
+        recorded = read_trajectory(window, conversion)
     found = compare(results, recorded)
     print(json.dumps(found, indent=2) if args.json else comparison(found))
     return 0

@@ -22,7 +22,7 @@ from pendubot_identification.results.track_file import BETWEEN, Track, start_of,
 from pendubot_identification.tracking.events import Disturbance, State
 from pendubot_identification.tracking.tracker import Tracker
 
-from .options import conversion_of, joint_names
+from .options import conversion_of
 from .terminal import progress_bar
 
 #: Number of changes that are printed.
@@ -33,7 +33,7 @@ def run_track(args: argparse.Namespace) -> int:
     """Track, print, write."""
     with wrong_usage():
         windows = [BagWindow.parse(text) for text in args.bags]
-        conversion, names = conversion_of(args), joint_names(args)
+        conversion = conversion_of(args)
         require_files(conversion, [window.path for window in windows])
     for target in (args.output, args.report and args.report / 'result.yaml'):
         if target is not None:
@@ -43,7 +43,7 @@ def run_track(args: argparse.Namespace) -> int:
             refuse_unwritable(args.output, overwrite=args.force)
         with progress_bar(hidden=args.json) as progress:
             start = start_of(args.start, args.model)
-            tracker, track = track_recordings(start, windows, args.topic, names, conversion, progress)
+            tracker, track = track_recordings(start, windows, conversion, progress)
         if tracker.state is None and not track.states:
             raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.reason}')
         last, written = tracker.state or track.states[-1], []

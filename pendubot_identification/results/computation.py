@@ -14,7 +14,8 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from subprocess import PIPE
 from typing import Any
 
@@ -67,28 +68,6 @@ def identify_recordings(
         settings = replace(settings, reading=corrected, applied=tuple(o for o in corrected.options() if o not in given))
 
 
-@dataclass(frozen=True)
-class Request:
-    """The recordings to identify, see :func:`.datasets.load_datasets`, and how."""
-
-    bags: Sequence[str]
-    validate: Sequence[str]
-    topic: str
-    joint_names: Sequence[str]
-    settings: Settings
-    apply_remedies: bool
-
-    def identify(self, progress: Progress) -> Result:
-        """Return the result. Raises PendubotError: see :func:`identify_recordings`."""
-
-        def load(conversion: Conversion) -> Datasets:
-            joints = self.joint_names
-            return load_datasets(self.bags, self.validate, topic=self.topic, joint_names=joints, conversion=conversion)
-
-        found, data = identify_recordings(load, self.settings, progress, apply_remedies=self.apply_remedies)
-        return assemble_result(found, data.sources)
-
-
 class Computation:
     """The child process of one identification: one thread runs it, and any thread may stop it.
 
@@ -106,8 +85,17 @@ class Computation:
         if self._process is not None:
             self._process.kill()
 
-    def run(self, request: Request, progress: Progress) -> Result:
-        """Identify. Raises PendubotError: the identification failed or was stopped."""
+    def run(
+        self,
+        bags: Sequence[str],
+        validate: Sequence[str],
+        settings: Settings,
+        progress: Progress,
+        *,
+        apply_remedies: bool = False,
+    ) -> Result:
+        """Identify bags, see :func:`load_datasets`. Raises PendubotError: the identification failed or was stopped."""
+        request = partial(load_datasets, bags, validate), settings, apply_remedies
         # The same modules as here, whatever the current folder holds.
         code = f'import sys; sys.path[:] = {sys.path!r}; from {__name__} import main; main()'
         command = [sys.executable, '-c', code, *(['--debug'] if '--debug' in sys.argv else [])]
@@ -141,9 +129,10 @@ def main() -> None:
         pickle.dump(answer, answers)
         answers.flush()
 
-    request = pickle.load(sys.stdin.buffer)
+    load, settings, apply_remedies = pickle.load(sys.stdin.buffer)
     try:
-        send(request.identify(lambda *step: send(step)))
+        found, data = identify_recordings(load, settings, lambda *step: send(step), apply_remedies=apply_remedies)
+        send(assemble_result(found, data.sources))
     except BrokenPipeError:
         os._exit(1)  # the node has ended
     except Exception as error:

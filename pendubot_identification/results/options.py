@@ -15,7 +15,7 @@ from pendubot_identification.identification.options import APPLY_REMEDIES, CRITE
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
 from pendubot_identification.setting import Setting
-from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS
 from pendubot_identification.trajectories.conversion import QUANTITIES, Conversion
 
 from .result_file import read_result
@@ -80,8 +80,11 @@ def _argument(found: re.Match[str]) -> str:
     """Return an option, and the word after it if that is its value, as an argument."""
     name, after = found[1].replace('-', '_'), found[2] or ''
     option = next((option for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if option.name == name), None)
+    if option is None and name not in RENAMED:
+        return found[0]
+    name = RENAMED.get(name, name)
     if option is None:
-        return RENAMED[name] + after if name in RENAMED else found[0]
+        return name + after
     if isinstance(option.default, bool):
         return f'{name}=True{after}'
     written = _as_literal(option, after[1:].strip("'"))
@@ -93,9 +96,9 @@ def _as_literal(option: Setting, value: str) -> str:
     parts = value.split(',')
     if option.name in ('columns', 'offset') and all('=' in part for part in parts):
         return repr(dict(part.split('=', 1) for part in parts))
-    if option.name == 'negate' and set(parts) <= set(QUANTITIES):
+    if (option.name == 'negate' and set(parts) <= set(QUANTITIES)) or (option is JOINTS and len(parts) == 2):
         return repr(parts)
-    if value in option.choices or (option.name in ('sheet', 'encoding') and value):
+    if value in option.choices or (option.name in ('topic', 'sheet', 'encoding') and value):
         return repr(value)
     if isinstance(option.default, float) and value.isupper():
         return value  # a placeholder

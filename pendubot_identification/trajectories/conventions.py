@@ -13,6 +13,9 @@ from pendubot_identification.setting import Setting
 #: Required and optional columns of a motion.
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')
+#: The topic and the joints of a bag, by default.
+JOINT_STATES_TOPIC = '/joint_states'
+JOINT_NAMES = ('shoulder', 'elbow')
 
 
 def current_name(shoulder: str) -> str:
@@ -24,8 +27,12 @@ def current_name(shoulder: str) -> str:
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
 
-#: In the order of application; the first ones are for files with columns only.
+TOPIC = Setting('topic', JOINT_STATES_TOPIC, 'topic of a bag')
+JOINTS = Setting('joints', ','.join(JOINT_NAMES), 'joint names in a bag')
+#: In the order of application; the first ones are for bags or for files with columns only.
 CONVERSION = (
+    TOPIC,
+    JOINTS,
     Setting(
         'columns',
         '',

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations, product
 from typing import Any, NamedTuple
@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 
 from pendubot_identification.errors import ParameterError, TrajectoryError
 
-from .conventions import CONVERSION, OPTIONAL, REQUIRED, TIME_UNITS, TORQUE_UNITS, current_name
+from .conventions import (
+    CONVERSION,
+    JOINT_NAMES,
+    JOINT_STATES_TOPIC,
+    OPTIONAL,
+    REQUIRED,
+    TIME_UNITS,
+    TORQUE_UNITS,
+    current_name,
+)
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -57,6 +66,8 @@ class Conversion:
         ParameterError: a value is invalid.
     """
 
+    topic: str = JOINT_STATES_TOPIC
+    joints: tuple[str, ...] = JOINT_NAMES
     columns: Mapping[str, str] = field(default_factory=dict)
     skip_rows: int = 0
     sheet: str = ''
@@ -85,6 +96,11 @@ class Conversion:
         ):
             if unknown := [name for name in given if name not in known]:
                 raise ParameterError(f'--{option} does not know the quantity {unknown[0]!r}; use {", ".join(known)}')
+        if len(self.joints) != 2 or len(set(self.joints)) != 2:
+            raise ParameterError(
+                f'--joints {",".join(self.joints)} names {len(set(self.joints))} joints; two are expected, such as '
+                f'{",".join(JOINT_NAMES)}'
+            )
         if self.gear != 1 and not self.torque_constant:
             raise ParameterError(
                 f'--gear {self.gear:g} multiplies a torque constant, and none is given; add --torque-constant K'
@@ -106,12 +122,12 @@ class Conversion:
         chosen: dict[str, Any] = {}
         for name, value in given.items():
             if name not in known:
-                raise ParameterError(f'{name!r} is no option of the conversion; {", ".join(known)} are')
+                raise ParameterError(f'{name!r} is no option of the conversion; use one of {", ".join(known)}')
             if name == 'columns':
                 value = _pairs(name, value)
             elif name == 'offset':
                 value = {each: _amount(each, text) for each, text in _pairs(name, value).items()}
-            elif name == 'negate':
+            elif name in ('negate', 'joints'):
                 value = tuple(_words(value))
             elif isinstance(known[name].default, (bool, int, float)):
                 value = known[name].parse(value)
@@ -149,11 +165,12 @@ class Conversion:
         """The unit of a file's times."""
         return TIME_UNITS[self.time_unit]
 
-    def effort_names(self, joint_names: Sequence[str]) -> list[str]:
-        """Return the names of the two entries of a JointState whose efforts become tau1 and tau2, before any swap."""
-        names = list(joint_names)
+    @property
+    def effort_names(self) -> list[str]:
+        """The names of the two entries of a JointState whose efforts become tau1 and tau2, before any swap."""
+        names = list(self.joints)
         if self.torque_constant:
-            names[self.swap in ('joints', 'efforts')] = current_name(joint_names[0])
+            names[self.swap in ('joints', 'efforts')] = current_name(self.joints[0])
         return names
 
     @property
