@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pendubot_identification import __version__, kernel
-from pendubot_identification.identification.options import APPLY_REMEDIES, CRITERION, DATA, DELAY, EXPERT, HOW, WHAT
+from pendubot_identification.identification.options import APPLY_REMEDIES, DATA, EXPERT, HOW, WHAT
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
@@ -118,11 +118,10 @@ def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
             continue
         if not setting.optional:
             words += f' (default {":".join(map(str, default)) if isinstance(default, tuple) else default})'
-        several = setting in (CRITERION, DELAY)
         group.add_argument(
             flag(setting.name),
-            type=str if several else type(default),
-            choices=None if several else setting.choices or None,
+            type=str if setting.read else type(default),
+            choices=None if setting.read else setting.choices or None,
             metavar=metavars.get(setting.name, setting.unit.upper() or None),
             help=words,
         )

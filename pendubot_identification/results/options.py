@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identification.options import APPLY_REMEDIES, CRITERION, DELAY, OPTIONS, START
+from pendubot_identification.identification.options import APPLY_REMEDIES, OPTIONS, START
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
-from pendubot_identification.setting import Setting
+from pendubot_identification.setting import Setting, interval
 from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS
 from pendubot_identification.trajectories.conversion import QUANTITIES, Conversion
 
@@ -36,7 +36,10 @@ def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Set
     if unknown := given.keys() - known.keys():
         names = ', '.join(option.name for option in (*OPTIONS, *CONVERSION))
         raise ParameterError(f'there is no option {min(unknown)!r}; the options are {names}')
-    chosen = {name: _value(known[name], value) for name, value in given.items()}
+    start = given.pop(START.name, None)
+    chosen = {name: known[name].parse(value) for name, value in given.items()}
+    if start is not None:
+        chosen[START.name] = start if isinstance(start, Parameters) else read_result(Path(start)).theta
     return Settings.of(bounds=bounds or default_bounds(), reading=Conversion.of(conversion), **chosen)
 
 
@@ -47,25 +50,9 @@ def bounds_of(intervals: Mapping[str, Any]) -> Bounds:
         ParameterError: there is no such parameter, or its interval is invalid.
     """
     bounds = default_bounds()
-    for name, interval in intervals.items():
-        bounds = bounds.replaced(name, *interval_of(name, interval, 'P1=0:0.5 or b2=0'))
+    for name, ends in intervals.items():
+        bounds = bounds.replaced(name, *interval(name, ends, 'P1=0:0.5 or b2=0'))
     return bounds
-
-
-def interval_of(name: str, value: Any, example: str) -> tuple[float, float]:
-    """Return the ends of an interval, which is a text LOW:HIGH, a pair of numbers, or one number for both.
-
-    Raises:
-        ParameterError: it is none of these.
-    """
-    ends = value.split(':') if isinstance(value, str) else value if isinstance(value, (list, tuple)) else [value]
-    try:
-        low, high = map(float, ends if len(ends) > 1 else [*ends, *ends])
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f'{name} {value!r} is not understood; LOW:HIGH or one number is expected, such as {example}'
-        ) from None
-    return low, high
 
 
 def as_arguments(text: str) -> str:
@@ -107,15 +94,3 @@ def _as_literal(option: Setting, value: str) -> str:
     except ValueError:
         return ''
     return numbers[0] if len(numbers) == 1 else f'({", ".join(numbers)})'
-
-
-def _value(option: Setting, value: Any) -> Any:
-    """Return the value of an option as its type."""
-    if option is CRITERION:
-        names = value.split(',') if isinstance(value, str) else value
-        return tuple(dict.fromkeys(name.strip() for name in names))
-    if option is DELAY:
-        return interval_of('delay', value, '0:0.02')
-    if option is START:
-        return value if isinstance(value, Parameters) else read_result(Path(value)).theta
-    return option.parse(value)

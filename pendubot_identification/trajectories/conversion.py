@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -119,20 +118,9 @@ class Conversion:
             ParameterError: a name is unknown or a value is invalid.
         """
         known = {option.name: option for option in CONVERSION}
-        chosen: dict[str, Any] = {}
-        for name, value in given.items():
-            if name not in known:
-                raise ParameterError(f'{name!r} is no option of the conversion; use one of {", ".join(known)}')
-            if name == 'columns':
-                value = _pairs(name, value)
-            elif name == 'offset':
-                value = {each: _amount(each, text) for each, text in _pairs(name, value).items()}
-            elif name in ('negate', 'joints'):
-                value = tuple(_words(value))
-            elif isinstance(known[name].default, (bool, int, float)):
-                value = known[name].parse(value)
-            chosen[name] = value
-        return cls(**chosen)
+        if unknown := given.keys() - known.keys():
+            raise ParameterError(f'{min(unknown)!r} is no option of the conversion; use one of {", ".join(known)}')
+        return cls(**{name: known[name].parse(value) for name, value in given.items()})
 
     def words(self) -> dict[str, str]:
         """Return the options that differ from their defaults, as texts for :meth:`of`."""
@@ -254,34 +242,3 @@ class Conversion:
 def options(words: Mapping[str, str]) -> list[str]:
     """Return the result of :meth:`Conversion.words` as options of the command line, quoted for a shell."""
     return [f'--{n.replace("_", "-")}' + ('' if v == 'true' else f' {shlex.quote(v)}') for n, v in words.items()]
-
-
-def _words(value: Any) -> list[str]:
-    parts = value if isinstance(value, (list, tuple)) else str(value).split(',')
-    return [str(part).strip() for part in parts if str(part).strip()]
-
-
-def _pairs(option: str, value: Any) -> dict[str, str]:
-    """Return the pairs of ``q1=NAME,q2=NAME``, or raise ParameterError."""
-    if isinstance(value, Mapping):
-        return {str(name): str(text) for name, text in value.items()}
-    named: dict[str, str] = {}
-    example = 't=NAME,q1=NAME,...' if option == 'columns' else 'q1=0.1,tau1=0.05,...'
-    # The name of a column may hold a comma, too.
-    for part in _words(value if isinstance(value, (list, tuple)) else re.split(r',(?=\s*\w+\s*=)', str(value))):
-        name, _, text = (word.strip() for word in part.partition('='))
-        if not (name and text) or name in named:
-            raise ParameterError(f'--{option} {part!r} is not understood; {example} is expected, each once')
-        named[name] = text
-    return named
-
-
-def _amount(name: str, text: str) -> float:
-    number, degrees = text.removesuffix('deg'), text.endswith('deg') and name.startswith('q')
-    try:
-        amount = float(number if degrees else text)
-    except ValueError:
-        amount = math.nan
-    if not math.isfinite(amount):
-        raise ParameterError(f'--offset {name}={text} is not understood; a number is expected, such as q1=5deg')
-    return math.radians(amount) if degrees else amount
