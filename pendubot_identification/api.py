@@ -228,7 +228,6 @@ def identify(  # noqa: D417
         FileNotFoundError: there is no such recording (also a PendubotError).
         PendubotError: an argument is invalid, or the recordings determine no parameters.
     """
-    from .results.assemble import assemble_result
     from .results.computation import identify_recordings
     from .results.options import bounds_of, settings_of
 
@@ -245,8 +244,8 @@ def identify(  # noqa: D417
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
 
     load = partial(_load, given, validate)
-    found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
-    return Identified(assemble_result(found, data.sources), (data.training, data.validation))
+    result, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
+    return Identified(result, (data.training, data.validation))
 
 
 def describe(source: File, **options: object) -> Inspection:

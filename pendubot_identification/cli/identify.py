@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +27,6 @@ from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import Datasets, load_datasets, require_files
 from pendubot_identification.report.tables import summary
-from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import Result, plain
@@ -37,7 +35,6 @@ from pendubot_identification.results.track_file import track_recordings
 from pendubot_identification.tracking.events import Start
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import Conversion
-from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .arguments import FAILING
 from .options import given_options
@@ -62,7 +59,7 @@ def run_identify(args: argparse.Namespace) -> int:
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         for target in outputs:
             refuse_unwritable(target, overwrite=args.force)
-        result, motions = _identify(args, settings, apply_remedies=apply_remedies)
+        result, data = _identify(args, settings, apply_remedies=apply_remedies)
         try:
             if args.output is not None:
                 write_atomically(args.output, result_text(result), overwrite=args.force)
@@ -72,6 +69,7 @@ def run_identify(args: argparse.Namespace) -> int:
             if folder is not None:
                 from pendubot_identification.report.page import write_report  # imports matplotlib
 
+                motions = data.training, data.validation
                 with progress_bar(hidden=args.json) as progress:
                     page = write_report(folder, result, motions, None, (), progress, static=args.figures)
                     outputs.append(page)
@@ -125,10 +123,8 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
     return settings
 
 
-def _identify(
-    args: argparse.Namespace, settings: Settings, *, apply_remedies: bool
-) -> tuple[Result, tuple[Sequence[Trajectory], Sequence[Trajectory]]]:
-    """Return the result, and the motions for training and validation."""
+def _identify(args: argparse.Namespace, settings: Settings, *, apply_remedies: bool) -> tuple[Result, Datasets]:
+    """Return the result and the recordings."""
     with progress_bar(hidden=args.json) as progress:
 
         def load(conversion: Conversion) -> Datasets:
@@ -137,8 +133,7 @@ def _identify(
             except LongRecordingError as error:
                 raise _with_windows(error, conversion, progress) from error
 
-        found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
-    return assemble_result(found, data.sources), (data.training, data.validation)
+        return identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
 
 
 def _with_windows(error: LongRecordingError, conversion: Conversion, progress: Progress) -> PendubotError:

@@ -21,7 +21,6 @@ from typing import Any
 
 from pendubot_identification.errors import PendubotError, sentence
 from pendubot_identification.identification.estimate import Progress
-from pendubot_identification.identification.identification import Identification
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
@@ -40,7 +39,7 @@ def identify_recordings(
     progress: Progress | None = None,
     *,
     apply_remedies: bool = False,
-) -> tuple[Identification, Datasets]:
+) -> tuple[Result, Datasets]:
     """Identify recordings loaded with the settings' conversion; on request, correct it and identify again.
 
     Raises:
@@ -56,7 +55,7 @@ def identify_recordings(
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
             corrected = found.corrected_conversion
             if corrected is None or not remaining:
-                return replace(found, uncorrected=uncorrected), data
+                return assemble_result(replace(found, uncorrected=uncorrected), data.sources), data
             uncorrected = uncorrected or found
         except PendubotError as error:
             if not (remaining and error.remedy):
@@ -131,8 +130,7 @@ def main() -> None:
 
     load, settings, apply_remedies = pickle.load(sys.stdin.buffer)
     try:
-        found, data = identify_recordings(load, settings, lambda *step: send(step), apply_remedies=apply_remedies)
-        send(assemble_result(found, data.sources))
+        send(identify_recordings(load, settings, lambda *step: send(step), apply_remedies=apply_remedies)[0])
     except BrokenPipeError:
         os._exit(1)  # the node has ended
     except Exception as error:
