@@ -88,14 +88,8 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
     Raises:
         PendubotError: an option is invalid, alone or together with the criterion, optimizer or model.
     """
-    intervals: dict[str, str] = {}
-    for text in args.bounds:
-        name, equals, interval = text.partition('=')
-        if not equals:
-            raise UsageError(f'{text!r} is not understood; NAME=LOW:HIGH or NAME=VALUE is expected, such as b2=0')
-        intervals[name] = interval
     options = {name: value for name, value in given.items() if name != 'start'}
-    settings = settings_of(options, bounds_of(intervals))
+    settings = settings_of(options, bounds_of(args.bounds))
     if settings.optimizer == 'lsq' and (unused := [option.name for option in MDE if option.name in options]):
         raise UsageError(f'{unused[0]} is of MDE, and --optimizer lsq does without; leave one of the two out')
     # With energy alone, a delay would only hide the warning of inconsistent timestamps.
@@ -105,7 +99,7 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
                 f'--{name} is of {" and ".join(users)}, and --criterion {",".join(settings.criteria)} does without; '
                 'leave one of the two out'
             )
-    for name in intervals:
+    for name in (text.partition('=')[0] for text in args.bounds):
         k = NAMES.index(name)
         having = [model for model, size in MODELS.items() if k < size]
         if settings.model not in ('auto', *having):

@@ -122,7 +122,7 @@ class Identifier(ManagedNode):
         # The topic's name in a bag is in this node's namespace if it is relative, but not remapped.
         read = {'topic': self.resolved([s['topic']], only_expand=True)[0], 'joints': s['joint_names']}
         options = {option.name: s[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in s} | read
-        return settings_of(options, bounds_of(dict(each.partition('=')[::2] for each in _named(s['bounds']))))
+        return settings_of(options, bounds_of(_named(s['bounds'])))
 
     async def _on_identify(self) -> tuple[bool, str]:
         level, text = await self._identified(self.settings())

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,14 +43,17 @@ def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Set
     return Settings.of(bounds=bounds or default_bounds(), reading=Conversion.of(conversion), **chosen)
 
 
-def bounds_of(intervals: Mapping[str, Any]) -> Bounds:
-    """Return the default search box with other intervals of some parameters; a single number fixes a parameter.
+def bounds_of(given: Mapping[str, Any] | Sequence[str]) -> Bounds:
+    """Return the default search box with other intervals of some parameters, by name or as texts NAME=LOW:HIGH.
+
+    A single number fixes a parameter.
 
     Raises:
         ParameterError: there is no such parameter, or its interval is invalid.
     """
     bounds = default_bounds()
-    for name, ends in intervals.items():
+    named = given if isinstance(given, Mapping) else dict(each.partition('=')[::2] for each in given)
+    for name, ends in named.items():
         bounds = bounds.replaced(name, *interval(name, ends, 'P1=0:0.5 or b2=0'))
     return bounds
 

@@ -67,7 +67,7 @@ WRONG_USAGE = {
     'identify x@9:2': 'names no window',
     'identify x --torque-constant=-1': 'torque_constant is -1.0; a number with a decimal point from 0 to',
     'identify x --joints arm,arm': 'names 1 joints; two are expected, such as shoulder,elbow',
-    'identify x --fix b2': "'b2' is not understood; NAME=LOW:HIGH or NAME=VALUE is expected, such as b2=0",
+    'identify x --fix b2': "b2 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0",
     'identify x --bounds P1=a:1': "P1 'a:1' is not understood; LOW:HIGH or one number is expected",
     'identify x --bounds P8=0:1': "no parameter 'P8'",
     'identify x --model viscous --fix Fc1=0': '--bounds Fc1 is of a parameter that --model viscous does not have',
