@@ -199,7 +199,6 @@ class Inspection:
     """How a recording is read."""
 
     columns: list[str] = field(default_factory=list)  #: the names of a file's columns.
-    units: list[str] = field(default_factory=list)  #: of these, if a header or a row gives them.
     taken: dict[str, str] = field(default_factory=dict)  #: the column of each quantity.
     topics: list[str] = field(default_factory=list)  #: of a bag, those of JointStates.
     joints: list[str] = field(default_factory=list)  #: the names of the joints on the topic.
@@ -226,7 +225,7 @@ def inspect_recording(window: BagWindow, conversion: Conversion) -> Inspection:
                 first = next(iter(next(reader.messages([conversion.topic]))))
                 found.joints = list(decode_joint_state(first.data).name)
         elif reader is not None and 'table' in vars(reader):  # else it would be read, and fail, again
-            found.columns, found.units = list(reader.table.names), [reader.unit(name) for name in reader.table.names]
+            found.columns = list(reader.table.names)
             found.taken_as, found.options = reader.taken_as, reader.conversion.words()
             found.taken = {q: column for q, column in reader.conversion.names.items() if column in found.columns}
             found.survey = survey_table(reader)
