@@ -34,7 +34,7 @@ from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
-from .recordings.datasets import Datasets, divided, load_datasets, require_files
+from .recordings.datasets import Datasets, divided, load_datasets, windows_of
 from .recordings.survey import Inspection, inspect_recording
 from .recordings.table_reader import TableReader
 from .recordings.tables import Table
@@ -136,8 +136,7 @@ def read(
     """
     conversion = Conversion.of(_options(locals(), CONVERSION))
     if isinstance(source, (str, Path)):
-        window = BagWindow.parse(str(source))
-        require_files(conversion, [window.path])
+        (window,) = windows_of([str(source)], conversion)
         recorded = read_trajectory(window, conversion)
     else:
         recorded = _in_memory(source, conversion)
@@ -256,8 +255,8 @@ def describe(source: File, **options: object) -> Inspection:
     Raises:
         PendubotError: an option is invalid.
     """
-    window, conversion = BagWindow.parse(str(source)), Conversion.of(_options(options))
-    require_files(conversion, [window.path])
+    conversion = Conversion.of(_options(options))
+    (window,) = windows_of([str(source)], conversion)
     return inspect_recording(window, conversion)
 
 

@@ -25,7 +25,7 @@ from pendubot_identification.identification.options import APPLY_REMEDIES, MDE, 
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.recordings.bag_reader import BagWindow
-from pendubot_identification.recordings.datasets import Datasets, load_datasets, require_files
+from pendubot_identification.recordings.datasets import Datasets, load_datasets, windows_of
 from pendubot_identification.report.tables import summary
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
@@ -49,8 +49,7 @@ def run_identify(args: argparse.Namespace) -> int:
         if not isinstance(apply_remedies, bool):
             raise APPLY_REMEDIES.refusal(apply_remedies)
         settings = _settings(args, options)
-        bags = [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
-        require_files(settings.reading, bags)
+        bags = [window.path for window in windows_of([*args.bags, *args.validate], settings.reading)]
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
         refuse_input(target, [*bags, start and Path(start), args.settings])

@@ -13,8 +13,7 @@ from pendubot_identification.errors import ExcitationError, wrong_usage
 from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import UNITS
-from pendubot_identification.recordings.bag_reader import BagWindow
-from pendubot_identification.recordings.datasets import require_files
+from pendubot_identification.recordings.datasets import windows_of
 from pendubot_identification.report.table import Table, wrapped
 from pendubot_identification.results.result import plain
 from pendubot_identification.results.result_file import result_text
@@ -32,9 +31,8 @@ SHOWN = 20
 def run_track(args: argparse.Namespace) -> int:
     """Track, print, write."""
     with wrong_usage():
-        windows = [BagWindow.parse(text) for text in args.bags]
         conversion = conversion_of(args)
-        require_files(conversion, [window.path for window in windows])
+        windows = windows_of(args.bags, conversion)
     for target in (args.output, args.report and args.report / 'result.yaml'):
         if target is not None:
             refuse_input(target, [*(window.path for window in windows), args.start, args.settings])

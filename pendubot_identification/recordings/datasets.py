@@ -5,11 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
-from pathlib import Path
 
 from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
 from pendubot_identification.identification.fitting import SETTINGS as FITTING
@@ -49,13 +48,11 @@ def load_datasets(bags: Sequence[str], validate: Sequence[str] = (), conversion:
     def read(window: BagWindow) -> RecordedTrajectory:
         return read_trajectory(window, conversion, opened(window.path))
 
-    windows = [BagWindow.parse(text) for text in bags]
-    require_files(conversion, [BagWindow.parse(text).path for text in (*bags, *validate)])
-    training = [read(window) for window in windows]
-    validation = [read(BagWindow.parse(text)) for text in validate]
-    unlimited = [window.start is None and window.end is None for window in windows]
-    if not validation and not all(unlimited):
-        validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
+    recorded = [read(window) for window in windows_of([*bags, *validate], conversion)]
+    training, validation = recorded[: len(bags)], recorded[len(bags) :]
+    own = [each.window for each in training]
+    if not validation and not all(window.start is None and window.end is None for window in own):
+        validation = [rest for window in _rest(own) if (rest := _validation_part(window, read)) is not None]
     return divided(training, validation)
 
 
@@ -82,14 +79,21 @@ def divided(training: Sequence[RecordedTrajectory], validation: Sequence[Recorde
     return Datasets(trained, validated, sources, tuple(dict.fromkeys(notes)))
 
 
-def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:
-    """Raise ParameterError for options of files with columns, if all paths are bags."""
+def windows_of(texts: Sequence[str], conversion: Conversion) -> list[BagWindow]:
+    """Return the windows of recordings that texts name.
+
+    Raises:
+        BagError: a text is malformed.
+        ParameterError: the conversion has options of files with columns, and all recordings are bags.
+    """
+    windows = [BagWindow.parse(text) for text in texts]
     only = {name: word for name, word in conversion.words().items() if name in OF_FILES}
-    if only and not any(map(is_table, paths)):
+    if only and not any(is_table(window.path) for window in windows):
         raise ParameterError(
             f'{options(only)[0]} is for files with columns; the stamps of a bag are in nanoseconds, and its joints '
             'have names (--joints): leave it out'
         )
+    return windows
 
 
 def _validation_part(window: BagWindow, read: Callable[[BagWindow], RecordedTrajectory]) -> RecordedTrajectory | None:
