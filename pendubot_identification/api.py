@@ -34,7 +34,7 @@ from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
-from .recordings.datasets import Datasets, divided, load_datasets, require_files
+from .recordings.datasets import Datasets, divided, load_datasets, windows_of
 from .recordings.survey import Inspection, inspect_recording
 from .recordings.table_reader import TableReader
 from .recordings.tables import Table
@@ -136,9 +136,8 @@ def read(
     """
     conversion = Conversion.of(_options(locals(), CONVERSION))
     if isinstance(source, (str, Path)):
-        window = BagWindow.parse(str(source))
-        require_files(conversion, [window.path])
-        recorded = read_trajectory(window, topic=topic, joint_names=joint_names, conversion=conversion)
+        (window,) = windows_of([str(source)], conversion)
+        recorded = read_trajectory(window, conversion)
     else:
         recorded = _in_memory(source, conversion)
     if recorded.note:
@@ -228,7 +227,6 @@ def identify(  # noqa: D417
         FileNotFoundError: there is no such recording (also a PendubotError).
         PendubotError: an argument is invalid, or the recordings determine no parameters.
     """
-    from .results.assemble import assemble_result
     from .results.computation import identify_recordings
     from .results.options import bounds_of, settings_of
 
@@ -244,18 +242,12 @@ def identify(  # noqa: D417
     if words and any(isinstance(each, Trajectory) for each in (*given, *validate)):
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
 
-    load = partial(_load, given, validate, topic, joint_names)
-    found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
-    return Identified(assemble_result(found, data.sources), (data.training, data.validation))
+    load = partial(_load, given, validate)
+    result, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
+    return Identified(result, (data.training, data.validation))
 
 
-def describe(
-    source: File,
-    *,
-    topic: str = '/joint_states',
-    joint_names: Sequence[str] = ('shoulder', 'elbow'),
-    **conversion: object,
-) -> Inspection:
+def describe(source: File, **options: object) -> Inspection:
     """Return how a recording is read, by the options of :func:`read`, and why not if it cannot be read.
 
     Sentences name the options of the command line.
@@ -263,18 +255,12 @@ def describe(
     Raises:
         PendubotError: an option is invalid.
     """
-    window, given = BagWindow.parse(str(source)), Conversion.of(conversion)
-    require_files(given, [window.path])
-    return inspect_recording(window, given, topic, joint_names)
+    conversion = Conversion.of(_options(options))
+    (window,) = windows_of([str(source)], conversion)
+    return inspect_recording(window, conversion)
 
 
-def check(
-    *recordings: File,
-    validate: Sequence[File] = (),
-    topic: str = '/joint_states',
-    joint_names: Sequence[str] = ('shoulder', 'elbow'),
-    **options: object,
-) -> list[Finding]:
+def check(*recordings: File, validate: Sequence[File] = (), **options: object) -> list[Finding]:
     """Return what the checks of recordings find, by the options of :func:`identify`, before anything is fitted.
 
     Sentences name the options of the command line.
@@ -284,23 +270,22 @@ def check(
     """
     from .results.options import settings_of
 
-    return check_recordings(partial(_load, recordings, validate, topic, joint_names), settings_of(options))
+    return check_recordings(partial(_load, recordings, validate), settings_of(_options(options)))
 
 
-def _options(arguments: Mapping[str, object], options: Sequence[Setting]) -> dict[str, object]:
-    """Return those of a function's arguments that are options and not None."""
-    names = {option.name for option in options}
-    return {name: value for name, value in arguments.items() if name in names and value is not None}
+def _options(arguments: Mapping[str, object], options: Sequence[Setting] | None = None) -> dict[str, object]:
+    """Return arguments that are not None by the names of their options; of a function's, those that are ``options``."""
+    given = {
+        'joints' if name == 'joint_names' else name: value for name, value in arguments.items() if value is not None
+    }
+    return given if options is None else {each.name: given[each.name] for each in options if each.name in given}
 
 
-def _load(
-    recordings: Sequence[object], validate: Sequence[object], topic: str, joints: Sequence[str], conversion: Conversion
-) -> Datasets:
+def _load(recordings: Sequence[object], validate: Sequence[object], conversion: Conversion) -> Datasets:
     """Return the motions for training and for validation."""
     given = [*recordings, *validate]
     if all(isinstance(each, (str, Path)) for each in given) and recordings:
-        names = [str(each) for each in recordings], [str(each) for each in validate]
-        return load_datasets(*names, topic=topic, joint_names=joints, conversion=conversion)
+        return load_datasets([str(each) for each in recordings], [str(each) for each in validate], conversion)
     known = [isinstance(each, (Trajectory, Mapping)) or hasattr(each, 'columns') for each in given]
     if not recordings or not all(known):
         kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in given)) or 'nothing'

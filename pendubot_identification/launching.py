@@ -196,7 +196,8 @@ def _ended(event: Any, context: Any) -> Any:
     # Some are asked to end before they can do so by themselves.
     signalled = context.is_shutdown and event.returncode in (-signal.SIGINT, -signal.SIGTERM)
     if event.returncode and not signalled:
-        raise PendubotError(f'{event.process_name} failed, with status {event.returncode}: everything ends')
+        failed = f'{event.process_name} failed, with status {event.returncode}'
+        raise PendubotError(f'{failed}: everything ends; look at its last lines above')
     return EmitEvent(event=Shutdown(reason=f'{event.process_name} has ended'))
 
 

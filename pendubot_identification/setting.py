@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,7 @@ class Setting:
         optional: whether it may be left open, which is None; in ROS, which has no None, it is the default.
         length: how many values a list has; 0: any number.
         distinct: whether the values of a list differ and none is empty.
+        read: how a text or a value of YAML becomes its value; by default, as the type of the default.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Setting:
     optional: bool = False
     length: int = 0
     distinct: bool = False
+    read: Callable[[Any], Any] | None = None
 
     def of_ros(self, value: Any) -> Any:
         """Return the value of a ROS parameter: arrays as lists, and None where it is left open."""
@@ -63,11 +65,9 @@ class Setting:
                 raise self.refusal(entry)
 
     def parse(self, value: object) -> Any:
-        """Return a text, or a number or truth value of YAML, as the type of the default.
-
-        Raises:
-            ParameterError: it is none.
-        """
+        """Return a text, or a value of YAML, as the setting's own value. May raise ParameterError."""
+        if self.read is not None:
+            return self.read(value)
         kind = type(self.default)
         try:
             return {'true': True, 'false': False}[str(value).lower()] if kind is bool else kind(str(value))
@@ -100,6 +100,28 @@ class Setting:
     def help(self) -> str:
         """Return the meaning with its unit."""
         return self.description + (f' [{self.unit}]' if self.unit else '')
+
+
+def words(value: Any) -> list[str]:
+    """Return the parts of a text with commas, or of a list."""
+    parts = value if isinstance(value, (list, tuple)) else str(value).split(',')
+    return [str(part).strip() for part in parts if str(part).strip()]
+
+
+def interval(name: str, value: Any, example: str) -> tuple[float, float]:
+    """Return the ends of an interval, which is a text LOW:HIGH, a pair of numbers, or one number for both.
+
+    Raises:
+        ParameterError: it is none of these.
+    """
+    ends = value.split(':') if isinstance(value, str) else value if isinstance(value, (list, tuple)) else [value]
+    try:
+        low, high = map(float, ends if len(ends) > 1 else [*ends, *ends])
+    except (TypeError, ValueError):
+        raise ParameterError(
+            f'{name} {value!r} is not understood; LOW:HIGH or one number is expected, such as {example}'
+        ) from None
+    return low, high
 
 
 def meant(name: str, known: Sequence[str]) -> str:

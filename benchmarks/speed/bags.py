@@ -37,10 +37,10 @@ spent, status = clock() - begin, Path('/proc/self/status').read_text()
 print(json.dumps([spent, int(status.split('VmHWM:')[1].split()[0]) / 1024, {2}]))
 """
 OURS = PROGRAM.format(
-    'from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, joint_samples',
+    'from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, Conversion, joint_samples',
     """
 window = BagWindow(Path(sys.argv[1]), *map(float, sys.argv[2:]))
-count = sum(len(t) for t, _ in joint_samples(BagReader(window.path), window))
+count = sum(len(t) for t, _ in joint_samples(BagReader(window.path), window, Conversion()))
 """,
     'count',
 )

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pendubot_identification import __version__, kernel
-from pendubot_identification.identification.options import APPLY_REMEDIES, CRITERION, DATA, DELAY, EXPERT, HOW, WHAT
+from pendubot_identification.identification.options import APPLY_REMEDIES, DATA, EXPERT, HOW, WHAT
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
-from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS, TOPIC
 
 #: The levels from which on the exit status of ``identify`` is 3.
 FAILING = {'warn': 1, 'error': 2, 'never': 3}
@@ -118,30 +118,26 @@ def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
             continue
         if not setting.optional:
             words += f' (default {":".join(map(str, default)) if isinstance(default, tuple) else default})'
-        several = setting in (CRITERION, DELAY)
         group.add_argument(
             flag(setting.name),
-            type=str if several else type(default),
-            choices=None if several else setting.choices or None,
+            type=str if setting.read else type(default),
+            choices=None if setting.read else setting.choices or None,
             metavar=metavars.get(setting.name, setting.unit.upper() or None),
             help=words,
         )
 
 
 def _reading(parser: Any, *, joints: bool = False) -> Any:
-    """Add the options by which recordings are read, and return their group."""
+    """Add the options by which recordings are read, with ``joints`` those of bags, too; return their group."""
     group = parser.add_argument_group('how recordings are read', 'applied in this order, to each recording')
     names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'gear': 'N', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
-    _settings(group, *CONVERSION, **names)
+    names['joints'] = 'SHOULDER,ELBOW'
+    _settings(group, *(each for each in CONVERSION if joints or each not in (TOPIC, JOINTS)), **names)
     words = (
         'take options from a YAML file, one of --save-settings, or a result; options given here override it. It alone '
         f'has {", ".join(option.name for option in EXPERT)} of identify, see config/identifier.yaml'
     )
     _path(group, '--settings', 'FILE', words)
-    if joints:
-        group.add_argument('--topic', default='/joint_states', help='topic of a bag (default %(default)s)')
-        words = 'joint names in a bag (default %(default)s)'
-        group.add_argument('--joints', default='shoulder,elbow', metavar='SHOULDER,ELBOW', help=words)
     return group
 
 

@@ -124,8 +124,8 @@ def own_ros() -> Iterator[tuple[Any, int]]:
         from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         raise PendubotError(
-            f'rclpy cannot be imported ({error}), and the demo needs ROS 2: source your ROS workspace, or install the '
-            "package with pip install '.[ros]'; pendubot simulate and pendubot identify need no ROS"
+            f'rclpy cannot be imported ({error}), and the demo needs ROS 2, unlike pendubot simulate and identify; '
+            "source your ROS workspace, or install the package with pip install '.[ros]'"
         ) from error
     try:
         for domain in tried:
@@ -212,7 +212,7 @@ def _balanced(rclpy: Any, folder: Path) -> Observer:
         print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
         programs.wait(balancer, ended, 'did not hold it', PATIENCE)
     if observer.balancer_message.startswith('stopped'):
-        raise PendubotError(f'the balancer {observer.balancer_message}')
+        raise PendubotError(f'the balancer stopped: {observer.balancer_message.removeprefix("stopped: ")}')
     return observer
 
 
@@ -272,7 +272,7 @@ class Program(subprocess.Popen[bytes]):
     def failure(self, reason: str) -> PendubotError:
         """Return an error with the reason and the last line of the output."""
         last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
-        return PendubotError(f'{self.name} {reason}: {last[0]} (all it said: {self.log})')
+        return PendubotError(f'{self.name} {reason}: {last[0]}; look into {self.log}')
 
     def end(self) -> None:
         """Interrupt it, and kill it after 10 s."""

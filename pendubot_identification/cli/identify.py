@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -26,9 +25,8 @@ from pendubot_identification.identification.options import APPLY_REMEDIES, MDE, 
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.recordings.bag_reader import BagWindow
-from pendubot_identification.recordings.datasets import Datasets, load_datasets, require_files
+from pendubot_identification.recordings.datasets import Datasets, load_datasets, windows_of
 from pendubot_identification.report.tables import summary
-from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import Result, plain
@@ -37,10 +35,9 @@ from pendubot_identification.results.track_file import track_recordings
 from pendubot_identification.tracking.events import Start
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import Conversion
-from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .arguments import FAILING
-from .options import given_options, joint_names
+from .options import given_options
 from .terminal import brief, progress_bar
 
 
@@ -52,9 +49,7 @@ def run_identify(args: argparse.Namespace) -> int:
         if not isinstance(apply_remedies, bool):
             raise APPLY_REMEDIES.refusal(apply_remedies)
         settings = _settings(args, options)
-        bags = [BagWindow.parse(text).path for text in (*args.bags, *args.validate)]
-        names = joint_names(args)
-        require_files(settings.reading, bags)
+        bags = [window.path for window in windows_of([*args.bags, *args.validate], settings.reading)]
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
         refuse_input(target, [*bags, start and Path(start), args.settings])
@@ -63,7 +58,7 @@ def run_identify(args: argparse.Namespace) -> int:
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         for target in outputs:
             refuse_unwritable(target, overwrite=args.force)
-        result, motions = _identify(args, settings, names, apply_remedies=apply_remedies)
+        result, data = _identify(args, settings, apply_remedies=apply_remedies)
         try:
             if args.output is not None:
                 write_atomically(args.output, result_text(result), overwrite=args.force)
@@ -73,6 +68,7 @@ def run_identify(args: argparse.Namespace) -> int:
             if folder is not None:
                 from pendubot_identification.report.page import write_report  # imports matplotlib
 
+                motions = data.training, data.validation
                 with progress_bar(hidden=args.json) as progress:
                     page = write_report(folder, result, motions, None, (), progress, static=args.figures)
                     outputs.append(page)
@@ -91,14 +87,8 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
     Raises:
         PendubotError: an option is invalid, alone or together with the criterion, optimizer or model.
     """
-    intervals: dict[str, str] = {}
-    for text in args.bounds:
-        name, equals, interval = text.partition('=')
-        if not equals:
-            raise UsageError(f'{text!r} is not understood; NAME=LOW:HIGH or NAME=VALUE is expected, such as b2=0')
-        intervals[name] = interval
     options = {name: value for name, value in given.items() if name != 'start'}
-    settings = settings_of(options, bounds_of(intervals))
+    settings = settings_of(options, bounds_of(args.bounds))
     if settings.optimizer == 'lsq' and (unused := [option.name for option in MDE if option.name in options]):
         raise UsageError(f'{unused[0]} is of MDE, and --optimizer lsq does without; leave one of the two out')
     # With energy alone, a delay would only hide the warning of inconsistent timestamps.
@@ -108,7 +98,7 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
                 f'--{name} is of {" and ".join(users)}, and --criterion {",".join(settings.criteria)} does without; '
                 'leave one of the two out'
             )
-    for name in intervals:
+    for name in (text.partition('=')[0] for text in args.bounds):
         k = NAMES.index(name)
         having = [model for model, size in MODELS.items() if k < size]
         if settings.model not in ('auto', *having):
@@ -126,30 +116,23 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
     return settings
 
 
-def _identify(
-    args: argparse.Namespace, settings: Settings, names: Sequence[str], *, apply_remedies: bool
-) -> tuple[Result, tuple[Sequence[Trajectory], Sequence[Trajectory]]]:
-    """Return the result, and the motions for training and validation."""
+def _identify(args: argparse.Namespace, settings: Settings, *, apply_remedies: bool) -> tuple[Result, Datasets]:
+    """Return the result and the recordings."""
     with progress_bar(hidden=args.json) as progress:
 
         def load(conversion: Conversion) -> Datasets:
             try:
-                return load_datasets(
-                    args.bags, args.validate, topic=args.topic, joint_names=names, conversion=conversion
-                )
+                return load_datasets(args.bags, args.validate, conversion)
             except LongRecordingError as error:
-                raise _with_windows(error, args.topic, names, conversion, progress) from error
+                raise _with_windows(error, conversion, progress) from error
 
-        found, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
-    return assemble_result(found, data.sources), (data.training, data.validation)
+        return identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
 
 
-def _with_windows(
-    error: LongRecordingError, topic: str, names: Sequence[str], conversion: Conversion, progress: Progress
-) -> PendubotError:
+def _with_windows(error: LongRecordingError, conversion: Conversion, progress: Progress) -> PendubotError:
     """Return an error that names the informative windows of a recording that is too long."""
     try:
-        _, track = track_recordings(Start(), [BagWindow.parse(error.window)], topic, names, conversion, progress)
+        _, track = track_recordings(Start(), [BagWindow.parse(error.window)], conversion, progress)
     except PendubotError:
         return error  # its windows are refused with the reason
     if not track.windows:

@@ -38,20 +38,6 @@ def conversion_of(args: argparse.Namespace) -> Conversion:
     return Conversion.of(given_options(args, CONVERSION))
 
 
-def joint_names(args: argparse.Namespace) -> list[str]:
-    """Return the names of shoulder and elbow that ``--joints`` gives.
-
-    Raises:
-        ParameterError: it does not name two joints.
-    """
-    names = list(dict.fromkeys(name.strip() for name in args.joints.split(',') if name.strip()))
-    if len(names) != 2:
-        raise ParameterError(
-            f'--joints {args.joints!r} names {len(names)} joints; two are expected, such as shoulder,elbow'
-        )
-    return names
-
-
 def _read_settings(path: Path) -> dict[str, Any]:
     """Return the options that a YAML file names; of a result, those by which its recordings were read."""
     found = read_yaml(path, 'name a file of --save-settings', ParameterError)

@@ -14,15 +14,15 @@ from pendubot_identification.errors import PendubotError, UsageError, wrong_usag
 from pendubot_identification.files import OutputFolder, refuse_input, write_atomically
 from pendubot_identification.formats.export import FORMATS, ROBOTS, SUFFIXES, export, require_limit
 from pendubot_identification.level import Level
-from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
-from pendubot_identification.recordings.datasets import require_files
+from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.recordings.datasets import windows_of
 from pendubot_identification.report.tables import comparison
 from pendubot_identification.results.comparison import compare
 from pendubot_identification.results.provenance import recordings
 from pendubot_identification.results.result_file import read_complete_result, read_result
 
 from .arguments import flag
-from .options import conversion_of, joint_names
+from .options import conversion_of
 from .terminal import progress_bar
 
 
@@ -56,14 +56,10 @@ def run_compare(args: argparse.Namespace) -> int:
     if len(set(args.results)) < max(2, len(args.results)):
         raise UsageError(f'{args.results[0]} is one result alone, or twice the same; name two or more that differ')
     with wrong_usage():
-        conversion, names = conversion_of(args), joint_names(args)
-        window = None if args.on is None else BagWindow.parse(args.on)
-        if window is not None:
-            require_files(conversion, [window.path])
-    results, recorded = {str(path): read_result(path) for path in args.results}, None
-    if window is not None:
-        recorded = read_trajectory(window, topic=args.topic, joint_names=names, conversion=conversion)
-    found = compare(results, recorded)
+        conversion = conversion_of(args)
+        windows = [] if args.on is None else windows_of([args.on], conversion)
+    results = {str(path): read_result(path) for path in args.results}
+    found = compare(results, *(read_trajectory(window, conversion) for window in windows))
     print(json.dumps(found, indent=2) if args.json else comparison(found))
     return 0
 

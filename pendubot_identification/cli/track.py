@@ -13,8 +13,7 @@ from pendubot_identification.errors import ExcitationError, wrong_usage
 from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import UNITS
-from pendubot_identification.recordings.bag_reader import BagWindow
-from pendubot_identification.recordings.datasets import require_files
+from pendubot_identification.recordings.datasets import windows_of
 from pendubot_identification.report.table import Table, wrapped
 from pendubot_identification.results.result import plain
 from pendubot_identification.results.result_file import result_text
@@ -22,7 +21,7 @@ from pendubot_identification.results.track_file import BETWEEN, Track, start_of,
 from pendubot_identification.tracking.events import Disturbance, State
 from pendubot_identification.tracking.tracker import Tracker
 
-from .options import conversion_of, joint_names
+from .options import conversion_of
 from .terminal import progress_bar
 
 #: Number of changes that are printed.
@@ -32,9 +31,8 @@ SHOWN = 20
 def run_track(args: argparse.Namespace) -> int:
     """Track, print, write."""
     with wrong_usage():
-        windows = [BagWindow.parse(text) for text in args.bags]
-        conversion, names = conversion_of(args), joint_names(args)
-        require_files(conversion, [window.path for window in windows])
+        conversion = conversion_of(args)
+        windows = windows_of(args.bags, conversion)
     for target in (args.output, args.report and args.report / 'result.yaml'):
         if target is not None:
             refuse_input(target, [*(window.path for window in windows), args.start, args.settings])
@@ -43,7 +41,7 @@ def run_track(args: argparse.Namespace) -> int:
             refuse_unwritable(args.output, overwrite=args.force)
         with progress_bar(hidden=args.json) as progress:
             start = start_of(args.start, args.model)
-            tracker, track = track_recordings(start, windows, args.topic, names, conversion, progress)
+            tracker, track = track_recordings(start, windows, conversion, progress)
         if tracker.state is None and not track.states:
             raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.reason}')
         last, written = tracker.state or track.states[-1], []

@@ -253,7 +253,7 @@ class _Criterion:
             slopes[k] = self.eps * rows.T @ z[..., own].reshape(-1)
             informations[k] = self.eps * rows.T @ rows
         if not np.isfinite(informations).all():
-            raise TrajectoryError('no simulation follows this motion with these parameters')
+            raise TrajectoryError('no simulation follows this motion with these parameters; choose another window')
         return slopes, informations
 
 

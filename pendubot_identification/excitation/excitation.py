@@ -41,7 +41,7 @@ class PulseTrain:
                 f'width is {self.width:g}; a fraction of the period, above 0 and at most 1, is expected'
             )
         if not (np.isfinite(self.amplitude_min) and np.isfinite(self.amplitude_max)):
-            raise ParameterError('amplitude_min and amplitude_max must be finite torques in N m')
+            raise ParameterError('amplitude_min or amplitude_max is not finite; torques in N m are expected')
         if self.amplitude_min >= self.amplitude_max:
             raise ParameterError(
                 f'amplitude_min {self.amplitude_min:g} is not below amplitude_max {self.amplitude_max:g}; give the '

@@ -372,7 +372,9 @@ def standardised_innovations(
     try:
         x = fit(like, x, lower, upper, 20, 0.1).x
     except FloatingPointError as error:
-        raise TrajectoryError(f'{motions[0].name}: no filter follows this motion with these parameters') from error
+        raise TrajectoryError(
+            f'{motions[0].name}: no filter follows this motion with these parameters; choose another window'
+        ) from error
     e, s = like.innovations(x)
     return [filter_data.t[rows] for rows in filter_data.rows], [(e / np.sqrt(s))[rows] for rows in filter_data.rows]
 

@@ -9,7 +9,7 @@ Nothing heavy is imported here: ``--help`` needs no numpy.
 from __future__ import annotations
 
 from pendubot_identification.model import MODELS
-from pendubot_identification.setting import Setting
+from pendubot_identification.setting import Setting, interval, words
 
 CRITERIA = ('energy', 'weak', 'likelihood')
 #: The effort's delay is searched within these [s].
@@ -25,6 +25,7 @@ CRITERION = Setting(
     'energy in every identification',
     choices=CRITERIA,
     optional=True,
+    read=lambda value: tuple(dict.fromkeys(words(value))),
 )
 DELAY = Setting(
     'delay',
@@ -34,6 +35,7 @@ DELAY = Setting(
     's',
     -0.5,
     0.5,
+    read=lambda value: interval('delay', value, '0:0.02'),
 )
 START = Setting(
     'start', '', 'result file from whose parameters likelihood starts; by default the answer of weak', optional=True

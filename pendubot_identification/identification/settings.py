@@ -84,7 +84,9 @@ class Settings:
             raise ParameterError(f'the delay is searched from {low:g} to {high:g} s; the smaller one is expected first')
         given, size = len(self.bounds.lower), MODELS['geared' if self.model == 'auto' else self.model]
         if given < size:
-            raise ParameterError(f'bounds of {given} parameters were given; the model {self.model} has up to {size}')
+            raise ParameterError(
+                f'bounds of {given} parameters were given; {size}, of the model {self.model}, are expected'
+            )
         if self.bounds.of(MODELS['viscous']).fixed.all():
             raise ParameterError('all of P1 to b2 are fixed at a value; leave some of them to be estimated')
         # Whatever is asked for, other models are tried on the way.

@@ -173,7 +173,7 @@ class Bounds:
             )
         for name, low, high in zip(self.names, lower, upper, strict=True):
             if not (np.isfinite(low) and np.isfinite(high)):
-                raise ParameterError(f'the bounds of {name}, {low:g} to {high:g}, must be finite numbers')
+                raise ParameterError(f'the bounds of {name} are {low:g} to {high:g}; finite numbers are expected')
             if low > high:
                 raise ParameterError(
                     f'the bounds of {name} are inverted: {low:g} to {high:g}; give the smaller one first'

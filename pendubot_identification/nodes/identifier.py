@@ -27,15 +27,16 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.report.tables import headline, summary
-from pendubot_identification.results.computation import Computation, Request
+from pendubot_identification.results.computation import Computation
 from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import Result, plain
 from pendubot_identification.results.result_file import result_text
 from pendubot_identification.setting import Setting
-from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS, TOPIC
 
+from . import runtime
 from .messages import LATCHED, Identification, Status, flat, parameter_values
-from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
+from .runtime import AUTOSTART, ManagedNode, explained, run
 
 try:
     from pendubot_interfaces.action import Identify
@@ -67,10 +68,10 @@ class Identifier(ManagedNode):
         for each in (
             Setting('bags', [''], 'bags or files with columns that estimate, each BAG[@START:END] in seconds'),
             Setting('validate', [''], 'bags that only validate; by default the rest of the bags'),
-            Setting('topic', 'joint_states', 'topic with the joint states in the bags'),
-            JOINTS,
+            replace(TOPIC, default='joint_states'),
+            runtime.JOINTS,
             *(replace(option, **CHANGED.get(option.name, {})) for option in OPTIONS if option is not PER_VECTOR),
-            *CONVERSION,
+            *(option for option in CONVERSION if option not in (TOPIC, JOINTS)),
             APPLY_REMEDIES,
             Setting('bounds', [''], 'other search intervals than the default ones, each NAME=LOW:HIGH or NAME=VALUE'),
             Setting('output', '', 'result file to write; empty: none'),
@@ -115,12 +116,13 @@ class Identifier(ManagedNode):
         self._computation.stop()
 
     def _check(self, s: dict[str, Any]) -> None:
-        _settings(s)
-        self._topic(s)
+        self._settings(s)
 
-    def _topic(self, s: dict[str, Any]) -> str:
-        """Return the topic's name in a bag: in this node's namespace if it is relative, but not remapped."""
-        return self.resolved([s['topic']], only_expand=True)[0]
+    def _settings(self, s: dict[str, Any]) -> Settings:
+        # The topic's name in a bag is in this node's namespace if it is relative, but not remapped.
+        read = {'topic': self.resolved([s['topic']], only_expand=True)[0], 'joints': s['joint_names']}
+        options = {option.name: s[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in s} | read
+        return settings_of(options, bounds_of(_named(s['bounds'])))
 
     async def _on_identify(self) -> tuple[bool, str]:
         level, text = await self._identified(self.settings())
@@ -183,15 +185,15 @@ class Identifier(ManagedNode):
             self._goal.publish_feedback(Identify.Feedback(stage=step, fraction=done / of if of else math.nan))
 
     def _identify(self, s: dict[str, Any], computation: Computation) -> tuple[Level, str]:
-        settings = _settings(s)
+        settings = self._settings(s)
         bags, validation = _named(s['bags']), _named(s['validate'])
         output = Path(s['output']) if s['output'] else None
         if output is not None:
             read = [BagWindow.parse(bag).path for bag in bags + validation]
             refuse_input(output, [*read, Path(s['start']) if s['start'] else None])
             refuse_unwritable(output, overwrite=s['force'], force=FORCE)
-        request = Request(bags, validation, self._topic(s), s['joint_names'], settings, s['apply_remedies'])
-        result = computation.run(request, self._on_progress)
+        remedies = s['apply_remedies']
+        result = computation.run(bags, validation, settings, self._on_progress, apply_remedies=remedies)
         level, text = result.level, headline(result)
         self.log(level, f'identified\n{summary(result)}')
         try:
@@ -232,12 +234,6 @@ def identification_values(result: Result) -> dict[str, Any]:
         brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
         values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values
-
-
-def _settings(values: dict[str, Any]) -> Settings:
-    intervals = dict(each.partition('=')[::2] for each in _named(values['bounds']))
-    options = {option.name: values[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in values}
-    return settings_of(options, bounds_of(intervals))
 
 
 def _named(texts: list[str]) -> list[str]:

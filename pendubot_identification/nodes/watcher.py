@@ -28,7 +28,7 @@ from std_msgs.msg import Float64MultiArray
 
 from pendubot_identification.errors import ControlError, sentence
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.recordings.joint_states import JOINT_NAMES
+from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from .messages import LATCHED, joint_sample
 from .shutdown import Shutdown, at_signal

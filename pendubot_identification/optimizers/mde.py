@@ -64,10 +64,11 @@ class MDESettings:
     def __post_init__(self) -> None:
         if self.population < 5:
             raise ParameterError(
-                f'the population NP is {self.population}; at least 5 is needed, for a target and three others to differ'
+                f'the population NP is {self.population}; at least 5 is expected, for a target and three others '
+                'to differ'
             )
         if self.generations < 1:
-            raise ParameterError(f'{self.generations} generations were asked for; at least 1 is needed')
+            raise ParameterError(f'{self.generations} generations were asked for; at least 1 is expected')
         if self.spread is not None and not self.spread > 0:
             raise ParameterError(f'the spread at which a run stops is {self.spread:g}; a number above 0 is expected')
 

@@ -54,10 +54,11 @@ class OptimizationResult:
 def require_runs(runs: int, population: int, seed: int) -> None:
     """Raise ParameterError for no runs, too many vectors in all, or a negative seed."""
     if runs < 1:
-        raise ParameterError(f'{runs} runs were asked for; at least 1 is needed')
+        raise ParameterError(f'{runs} runs were asked for; at least 1 is expected')
     if runs * population > MOST_VECTORS:
         raise ParameterError(
-            f'{runs * population} vectors in all runs were asked for; at most {MOST_VECTORS} fit into a usual memory'
+            f'{runs * population} vectors in all runs were asked for; at most {MOST_VECTORS} are expected, '
+            'which fit into a usual memory'
         )
     if seed < 0:
         raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')

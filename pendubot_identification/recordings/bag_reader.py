@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -22,7 +22,7 @@ from pendubot_identification.errors import BagError, LongRecordingError, Missing
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .joint_states import JOINT_NAMES, JOINT_STATE, JOINT_STATES_TOPIC, JointDecoder, decode_joint_state, stamp_of
+from .joint_states import JOINT_STATE, JointDecoder, decode_joint_state, stamp_of
 from .mcap_file import FOREVER_NS, McapFile, Messages
 from .table_reader import TableReader
 from .tables import is_table
@@ -173,22 +173,21 @@ class OtherClockError(BagError):
 def joint_samples(
     reader: BagReader,
     window: BagWindow,
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
-    effort_names: Sequence[str] | None = None,
+    conversion: Conversion,
     margin_ns: int = SETTINGS.latency_ns,
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
     """Yield the samples of two joints in a window, many at once; not finite, late or out of order as they are.
 
-    Each block is t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and position [rad],
-    effort [N m] and velocity [rad/s], NaN where there is none, shape (N, 3, 2). Efforts are those of ``effort_names``,
-    by default of the joints themselves. By log time, the window and ``margin_ns`` around it are read.
+    Each block is t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and position, effort
+    and velocity before the conversion, NaN where there is none, shape (N, 3, 2). By log time, the window and
+    ``margin_ns`` around it are read.
 
     Raises:
         BagError: the topic is not there or not of JointStates; a joint is missing or has no position or effort; a part
             that is needed is damaged.
         OtherClockError: at the end, if messages outside of the margin may belong to the window.
     """
+    topic = conversion.topic
     there = {name: kind for name, (kind, count) in reader.topics.items() if count}
     if there.get(topic) != JOINT_STATE:
         named = ', '.join(f'{name} [{kind}]' for name, kind in there.items())
@@ -197,7 +196,7 @@ def joint_samples(
     low, high = (round(min(bound * 1e9, FOREVER_NS)) for bound in (window.start or 0.0, window.end or math.inf))
     first = next(iter(next(reader.messages([topic]))))
     first_ns = stamp_of(decode_joint_state(first.data))
-    decode = JointDecoder(joint_names, f'{reader.path}: {topic}', effort_names)
+    decode = JointDecoder(conversion.joints, f'{reader.path}: {topic}', conversion.effort_names)
     from_ns, until_ns = first.log_time + low - margin_ns, first.log_time + high + margin_ns
     earliest, latest = FOREVER_NS, -FOREVER_NS
     for messages in reader.messages([topic], max(from_ns, 0), min(until_ns, FOREVER_NS)):
@@ -223,9 +222,6 @@ def open_recording(path: Path, conversion: Conversion) -> Reader:
 
 def read_trajectory(
     window: BagWindow | Path,
-    *,
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
     conversion: Conversion | None = None,
     reader: Reader | None = None,
 ) -> RecordedTrajectory:
@@ -247,7 +243,7 @@ def read_trajectory(
         motion, taken_as = replace(window.of(reader.motion), name=str(window)), reader.taken_as
         _require_short(window, motion.t, reader.motion.duration)
     else:
-        elapsed_ns, values = _collect(reader, window, topic, joint_names, conversion.effort_names(joint_names))
+        elapsed_ns, values = _collect(reader, window, conversion)
         _require_short(window, elapsed_ns / 1e9, reader.duration)
         # A velocity is optional in each message.
         velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
@@ -256,9 +252,7 @@ def read_trajectory(
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, note, taken_as)
 
 
-def stream_samples(
-    reader: Reader, window: BagWindow, topic: str, joint_names: Sequence[str], conversion: Conversion
-) -> Iterator[NDArray[np.float64]]:
+def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) -> Iterator[NDArray[np.float64]]:
     """Yield rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], many at a time.
 
     Raises:
@@ -272,7 +266,7 @@ def stream_samples(
         return
     Q, c, T, d = conversion.affine
     before = np.empty((0, 2))
-    for elapsed_ns, values in joint_samples(reader, window, topic, joint_names, conversion.effort_names(joint_names)):
+    for elapsed_ns, values in joint_samples(reader, window, conversion):
         q = values[:, 0]
         if conversion.unwrap:
             q = np.unwrap(np.concatenate([before, q]), period=conversion.turn, axis=0)[len(before) :]
@@ -281,13 +275,13 @@ def stream_samples(
 
 
 def _collect(
-    reader: BagReader, window: BagWindow, topic: str, joint_names: Sequence[str], effort_names: Sequence[str]
+    reader: BagReader, window: BagWindow, conversion: Conversion
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return all samples of a window as one block; of too long a recording, enough of them to recognise that."""
     for margin_ns in (SETTINGS.latency_ns, FOREVER_NS):
         times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
         with suppress(OtherClockError):
-            for elapsed_ns, block in joint_samples(reader, window, topic, joint_names, effort_names, margin_ns):
+            for elapsed_ns, block in joint_samples(reader, window, conversion, margin_ns):
                 times.append(elapsed_ns)
                 values.append(block)
                 count += len(elapsed_ns)

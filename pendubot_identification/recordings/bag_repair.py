@@ -55,7 +55,7 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
         raise BagError(f'{output} is the bag itself, or in or around it; give another --output')
     bag = BagReader(path)
     if not any(file.channels for file in bag.files):
-        raise BagError(f'{path} holds no intact message; nothing can be saved')
+        raise BagError(f'{path} holds no intact message; copy it again from the recorder')
     for file in bag.files:
         deque(file.scan(), maxlen=0)
     described = read_information(source)

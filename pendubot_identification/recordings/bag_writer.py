@@ -10,7 +10,7 @@ import resource
 import shutil
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -238,20 +238,57 @@ class BagWriter:
         self._file.flush()
         os.fsync(self._file.fileno())
         self._file.close()
-        self._closed = BagError(f'{self.path} is closed; nothing more can be written to it')
+        self._closed = BagError(f'{self.path} is closed; write to another bag')
         self._describe()
 
     def _information(self) -> dict[str, object]:
-        return information(self.file.name, self._topics, self._counts, self._first_ns, self._last_ns) | self.origin
+        """Return the content of metadata.yaml."""
+        span = {
+            'starting_time': {'nanoseconds_since_epoch': self._first_ns},
+            'duration': {'nanoseconds': self._last_ns - self._first_ns},
+            'message_count': self._counts.total(),
+        }
+        return {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            **span,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': channel.topic,
+                        'type': schema.name,
+                        'serialization_format': channel.message_encoding,
+                        'offered_qos_profiles': dump_qos_v9(offered_profiles(channel.metadata['offered_qos_profiles'])),
+                        'type_description_hash': channel.metadata['topic_type_hash'],
+                    },
+                    'message_count': self._counts[number],
+                }
+                for number, (schema, channel) in self._topics.items()
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self.file.name],
+            'files': [{'path': self.file.name, **span}],
+            'custom_data': None,
+            'ros_distro': 'jazzy',
+            **self.origin,
+        }
 
     def _describe(self) -> None:
         """Write metadata.yaml, unless it is up to date."""
         with self._lock:
-            content, known = self._information(), (len(self._topics), sum(self._counts.values()))
+            content, known = self._information(), (len(self._topics), self._counts.total())
         # The lock is free meanwhile, for messages.
         with self._describing:
             if known > self._described:
-                write_metadata(self._folder, content)
+                # Atomically, even if the power fails meanwhile.
+                temporary = self._folder / f'{METADATA}.tmp'
+                with temporary.open('w', encoding='utf-8') as file:
+                    file.write(yaml_text({'rosbag2_bagfile_information': content}))
+                    file.flush()
+                    os.fsync(file.fileno())
+                os.replace(temporary, self._folder / METADATA)
+                sync_folder(self._folder)
                 self._described = known
 
     @contextmanager
@@ -332,44 +369,6 @@ def _bag_files(path: Path) -> list[Path]:
     return parts
 
 
-def information(
-    file: str, topics: Mapping[int, tuple[Schema, Channel]], counts: Mapping[int, int], first_ns: int, last_ns: int
-) -> dict[str, Any]:
-    """Return the content of metadata.yaml for a bag of one file.
-
-    Topics and counts of messages are by the channel's number; the times are the first and the last log time [ns].
-    """
-    span = {
-        'starting_time': {'nanoseconds_since_epoch': first_ns},
-        'duration': {'nanoseconds': last_ns - first_ns},
-        'message_count': sum(counts.values()),
-    }
-    return {
-        'version': 9,
-        'storage_identifier': 'mcap',
-        **span,
-        'topics_with_message_count': [
-            {
-                'topic_metadata': {
-                    'name': channel.topic,
-                    'type': schema.name,
-                    'serialization_format': channel.message_encoding,
-                    'offered_qos_profiles': dump_qos_v9(offered_profiles(channel.metadata['offered_qos_profiles'])),
-                    'type_description_hash': channel.metadata['topic_type_hash'],
-                },
-                'message_count': counts.get(number, 0),
-            }
-            for number, (schema, channel) in topics.items()
-        ],
-        'compression_format': '',
-        'compression_mode': '',
-        'relative_file_paths': [file],
-        'files': [{'path': file, **span}],
-        'custom_data': None,
-        'ros_distro': 'jazzy',
-    }
-
-
 @cache
 def offered_profiles(text: str) -> list[Qos]:
     """Return the qualities of service in a channel's metadata; none if the text is damaged."""
@@ -384,17 +383,6 @@ def read_information(folder: Path) -> dict[str, Any]:
         content = yaml.safe_load((folder / METADATA).read_text(encoding='utf-8'))
         return dict(content['rosbag2_bagfile_information'])
     return {}
-
-
-def write_metadata(folder: Path, content: dict[str, Any]) -> None:
-    """Replace metadata.yaml atomically, even if the power fails meanwhile."""
-    temporary = folder / f'{METADATA}.tmp'
-    with temporary.open('w', encoding='utf-8') as file:
-        file.write(yaml_text({'rosbag2_bagfile_information': content}))
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, folder / METADATA)
-    sync_folder(folder)
 
 
 def sync_folder(folder: Path) -> None:

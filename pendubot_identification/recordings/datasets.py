@@ -5,11 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
-from pathlib import Path
 
 from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
 from pendubot_identification.identification.fitting import SETTINGS as FITTING
@@ -19,7 +18,6 @@ from pendubot_identification.trajectories.signals import resample
 from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
 
 from .bag_reader import BagWindow, RecordedTrajectory, open_recording, read_trajectory
-from .joint_states import JOINT_NAMES, JOINT_STATES_TOPIC
 from .source import Source
 from .tables import is_table
 
@@ -34,14 +32,7 @@ class Datasets:
     notes: tuple[str, ...]
 
 
-def load_datasets(
-    bags: Sequence[str],
-    validate: Sequence[str] = (),
-    *,
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
-    conversion: Conversion | None = None,
-) -> Datasets:
+def load_datasets(bags: Sequence[str], validate: Sequence[str] = (), conversion: Conversion | None = None) -> Datasets:
     """Read bags or files with columns, each ``BAG[@START:END]``, with the same conversion, and divide them.
 
     Without ``validate``: one bag without a window is halved into training and validation; of bags with windows, the
@@ -55,33 +46,24 @@ def load_datasets(
     opened = cache(partial(open_recording, conversion=conversion))
 
     def read(window: BagWindow) -> RecordedTrajectory:
-        return read_trajectory(
-            window, topic=topic, joint_names=joint_names, conversion=conversion, reader=opened(window.path)
-        )
+        return read_trajectory(window, conversion, opened(window.path))
 
-    windows = [BagWindow.parse(text) for text in bags]
-    require_files(conversion, [BagWindow.parse(text).path for text in (*bags, *validate)])
-    training = [read(window) for window in windows]
-    validation = [read(BagWindow.parse(text)) for text in validate]
-    unlimited = [window.start is None and window.end is None for window in windows]
-    if not validation and not all(unlimited):
-        validation = [rest for window in _rest(windows) if (rest := _validation_part(window, read)) is not None]
-    return divided(training, validation, topic, joint_names)
+    recorded = [read(window) for window in windows_of([*bags, *validate], conversion)]
+    training, validation = recorded[: len(bags)], recorded[len(bags) :]
+    own = [each.window for each in training]
+    if not validation and not all(window.start is None and window.end is None for window in own):
+        validation = [rest for window in _rest(own) if (rest := _validation_part(window, read)) is not None]
+    return divided(training, validation)
 
 
-def divided(
-    training: Sequence[RecordedTrajectory],
-    validation: Sequence[RecordedTrajectory],
-    topic: str = JOINT_STATES_TOPIC,
-    joint_names: Sequence[str] = JOINT_NAMES,
-) -> Datasets:
+def divided(training: Sequence[RecordedTrajectory], validation: Sequence[RecordedTrajectory]) -> Datasets:
     """Return motions for training and validation, with sources and notes; a single one without a window is halved."""
     if not validation and len(training) == 1 and training[0].window == BagWindow(training[0].window.path):
         whole, half = training[0], len(training[0].trajectory) // 2
         training = [replace(whole, trajectory=whole.trajectory[:half])]
         validation = [replace(whole, trajectory=whole.trajectory[half:])]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
-    notes, read_as = [r.note for _, r in pairs if r.note], (topic, list(joint_names))
+    notes = [r.note for _, r in pairs if r.note]
     for (role, first), (_, second) in combinations(pairs, 2):
         starts, ends = zip(span(first.trajectory), span(second.trajectory), strict=True)
         if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
@@ -90,21 +72,28 @@ def divided(
                 'validation look better than they are'
             )
     sources = tuple(
-        Source(str(r.window), role, len(r.trajectory), r.trajectory.duration, r.sha256, r.closed, *read_as, r.taken_as)
+        Source(str(r.window), role, len(r.trajectory), r.trajectory.duration, r.sha256, r.closed, r.taken_as)
         for role, r in pairs
     )
     trained, validated = (tuple(r.trajectory for r in part) for part in (training, validation))
     return Datasets(trained, validated, sources, tuple(dict.fromkeys(notes)))
 
 
-def require_files(conversion: Conversion, paths: Iterable[Path]) -> None:
-    """Raise ParameterError for options of files with columns, if all paths are bags."""
+def windows_of(texts: Sequence[str], conversion: Conversion) -> list[BagWindow]:
+    """Return the windows of recordings that texts name.
+
+    Raises:
+        BagError: a text is malformed.
+        ParameterError: the conversion has options of files with columns, and all recordings are bags.
+    """
+    windows = [BagWindow.parse(text) for text in texts]
     only = {name: word for name, word in conversion.words().items() if name in OF_FILES}
-    if only and not any(map(is_table, paths)):
+    if only and not any(is_table(window.path) for window in windows):
         raise ParameterError(
             f'{options(only)[0]} is for files with columns; the stamps of a bag are in nanoseconds, and its joints '
             'have names (--joints): leave it out'
         )
+    return windows
 
 
 def _validation_part(window: BagWindow, read: Callable[[BagWindow], RecordedTrajectory]) -> RecordedTrajectory | None:

@@ -14,15 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from rosbags.serde import SerdeError
 
 from pendubot_identification.errors import BagError
+from pendubot_identification.trajectories.conventions import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .mcap_file import FIELDS, Messages
 from .message_types import typestore
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
-JOINT_STATES_TOPIC = '/joint_states'
-JOINT_NAMES = ('shoulder', 'elbow')
-
 #: Start of a motion without a clock [ns since the epoch]: fixed, so that the same motion gives the same bytes.
 EPOCH_NS = 1_500_000_000_000_000_000
 #: CDR's encapsulation, and the stamp with which a header begins.
@@ -109,9 +107,9 @@ class JointDecoder:
                 'record with a bridge of this version, or leave out --torque-constant'
             )
         if len(state.position) != n:
-            raise BagError(f'{where} has {len(state.position)} positions for {n} joints; each joint needs one')
+            raise BagError(f'{where} has {len(state.position)} positions for {n} joints; record one for each joint')
         if len(state.effort) != n:
-            raise BagError(f'{where} has {len(state.effort)} efforts for {n} joints; each joint needs one')
+            raise BagError(f'{where} has {len(state.effort)} efforts for {n} joints; record one for each joint')
         joints, efforts = (
             [state.name.index(name) for name in names] for names in (self._joint_names, self._effort_names)
         )

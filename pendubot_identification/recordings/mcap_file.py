@@ -442,7 +442,10 @@ def _opened(path: Path) -> IO[bytes]:
         for block in zstandard.ZstdDecompressor().read_to_iter(packed):
             plain.write(block)
             if plain.tell() > limit:
-                raise BagError(f'{path} is no bag: decompressed it would be over {LIMITS.growth} times as large')
+                raise BagError(
+                    f'{path} is no bag: decompressed it would be over {LIMITS.growth} times as large; copy it again '
+                    'from the recorder'
+                )
     if not plain.tell():
         raise BagError(f'{path} cannot be decompressed: it is truncated or damaged; copy it again from the recorder')
     plain.flush()

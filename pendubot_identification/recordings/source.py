@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,4 @@ class Source:
     duration: float
     sha256: str
     closed: bool
-    topic: str = '/joint_states'
-    joint_names: list[str] = field(default_factory=lambda: ['shoulder', 'elbow'])
     taken_as: str = ''  #: the options that a file's own names and units stand for.

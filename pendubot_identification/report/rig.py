@@ -14,7 +14,6 @@ from typing import Any
 from pendubot_identification.identification.options import DELAYS, SPREAD
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNDER_LOAD
-from pendubot_identification.recordings.source import Source
 from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import Result
 from pendubot_identification.trajectories.conversion import Conversion
@@ -59,7 +58,7 @@ def command(result: Result) -> str:
     """Return the command that makes this result again; empty where the recordings were in memory."""
     if any(source.bag.endswith(IN_MEMORY) for source in result.bags):
         return ''
-    made, source = result.made_by, result.bags[0]
+    made = result.made_by
     training = dict.fromkeys(each.bag for each in result.bags if each.role == 'training')
     validation = [each.bag for each in result.bags if each.bag not in training]
     words = ['pendubot identify', *map(shlex.quote, training)]
@@ -77,8 +76,6 @@ def command(result: Result) -> str:
         'seed': made.seed if made.seed != usual.seed else None,
         'spread': next((f'{each.spread:g}' for each in searches if each.spread not in (None, SPREAD)), None),
         'start': 'START.yaml' if made.start else None,
-        'topic': source.topic if source.topic != Source.topic else None,
-        'joints': ','.join(source.joint_names) if source.joint_names != ['shoulder', 'elbow'] else None,
     }
     words += [f'--{name}={shlex.quote(str(value))}' for name, value in options.items() if value is not None]
     words += [f'--bounds {bound}' for bound in _given_bounds(result)]

@@ -14,13 +14,13 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from subprocess import PIPE
 from typing import Any
 
 from pendubot_identification.errors import PendubotError, sentence
 from pendubot_identification.identification.estimate import Progress
-from pendubot_identification.identification.identification import Identification
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
@@ -39,7 +39,7 @@ def identify_recordings(
     progress: Progress | None = None,
     *,
     apply_remedies: bool = False,
-) -> tuple[Identification, Datasets]:
+) -> tuple[Result, Datasets]:
     """Identify recordings loaded with the settings' conversion; on request, correct it and identify again.
 
     Raises:
@@ -55,7 +55,7 @@ def identify_recordings(
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
             corrected = found.corrected_conversion
             if corrected is None or not remaining:
-                return replace(found, uncorrected=uncorrected), data
+                return assemble_result(replace(found, uncorrected=uncorrected), data.sources), data
             uncorrected = uncorrected or found
         except PendubotError as error:
             if not (remaining and error.remedy):
@@ -65,28 +65,6 @@ def identify_recordings(
                 raise
         remaining -= 1
         settings = replace(settings, reading=corrected, applied=tuple(o for o in corrected.options() if o not in given))
-
-
-@dataclass(frozen=True)
-class Request:
-    """The recordings to identify, see :func:`.datasets.load_datasets`, and how."""
-
-    bags: Sequence[str]
-    validate: Sequence[str]
-    topic: str
-    joint_names: Sequence[str]
-    settings: Settings
-    apply_remedies: bool
-
-    def identify(self, progress: Progress) -> Result:
-        """Return the result. Raises PendubotError: see :func:`identify_recordings`."""
-
-        def load(conversion: Conversion) -> Datasets:
-            joints = self.joint_names
-            return load_datasets(self.bags, self.validate, topic=self.topic, joint_names=joints, conversion=conversion)
-
-        found, data = identify_recordings(load, self.settings, progress, apply_remedies=self.apply_remedies)
-        return assemble_result(found, data.sources)
 
 
 class Computation:
@@ -106,8 +84,17 @@ class Computation:
         if self._process is not None:
             self._process.kill()
 
-    def run(self, request: Request, progress: Progress) -> Result:
-        """Identify. Raises PendubotError: the identification failed or was stopped."""
+    def run(
+        self,
+        bags: Sequence[str],
+        validate: Sequence[str],
+        settings: Settings,
+        progress: Progress,
+        *,
+        apply_remedies: bool = False,
+    ) -> Result:
+        """Identify bags, see :func:`load_datasets`. Raises PendubotError: the identification failed or was stopped."""
+        request = partial(load_datasets, bags, validate), settings, apply_remedies
         # The same modules as here, whatever the current folder holds.
         code = f'import sys; sys.path[:] = {sys.path!r}; from {__name__} import main; main()'
         command = [sys.executable, '-c', code, *(['--debug'] if '--debug' in sys.argv else [])]
@@ -141,9 +128,9 @@ def main() -> None:
         pickle.dump(answer, answers)
         answers.flush()
 
-    request = pickle.load(sys.stdin.buffer)
+    load, settings, apply_remedies = pickle.load(sys.stdin.buffer)
     try:
-        send(request.identify(lambda *step: send(step)))
+        send(identify_recordings(load, settings, lambda *step: send(step), apply_remedies=apply_remedies)[0])
     except BrokenPipeError:
         os._exit(1)  # the node has ended
     except Exception as error:

@@ -6,16 +6,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identification.options import APPLY_REMEDIES, CRITERION, DELAY, OPTIONS, START
+from pendubot_identification.identification.options import APPLY_REMEDIES, OPTIONS, START
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
-from pendubot_identification.setting import Setting
-from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.setting import Setting, interval
+from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS
 from pendubot_identification.trajectories.conversion import QUANTITIES, Conversion
 
 from .result_file import read_result
@@ -36,36 +36,26 @@ def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Set
     if unknown := given.keys() - known.keys():
         names = ', '.join(option.name for option in (*OPTIONS, *CONVERSION))
         raise ParameterError(f'there is no option {min(unknown)!r}; the options are {names}')
-    chosen = {name: _value(known[name], value) for name, value in given.items()}
+    start = given.pop(START.name, None)
+    chosen = {name: known[name].parse(value) for name, value in given.items()}
+    if start is not None:
+        chosen[START.name] = start if isinstance(start, Parameters) else read_result(Path(start)).theta
     return Settings.of(bounds=bounds or default_bounds(), reading=Conversion.of(conversion), **chosen)
 
 
-def bounds_of(intervals: Mapping[str, Any]) -> Bounds:
-    """Return the default search box with other intervals of some parameters; a single number fixes a parameter.
+def bounds_of(given: Mapping[str, Any] | Sequence[str]) -> Bounds:
+    """Return the default search box with other intervals of some parameters, by name or as texts NAME=LOW:HIGH.
+
+    A single number fixes a parameter.
 
     Raises:
         ParameterError: there is no such parameter, or its interval is invalid.
     """
     bounds = default_bounds()
-    for name, interval in intervals.items():
-        bounds = bounds.replaced(name, *interval_of(name, interval, 'P1=0:0.5 or b2=0'))
+    named = given if isinstance(given, Mapping) else dict(each.partition('=')[::2] for each in given)
+    for name, ends in named.items():
+        bounds = bounds.replaced(name, *interval(name, ends, 'P1=0:0.5 or b2=0'))
     return bounds
-
-
-def interval_of(name: str, value: Any, example: str) -> tuple[float, float]:
-    """Return the ends of an interval, which is a text LOW:HIGH, a pair of numbers, or one number for both.
-
-    Raises:
-        ParameterError: it is none of these.
-    """
-    ends = value.split(':') if isinstance(value, str) else value if isinstance(value, (list, tuple)) else [value]
-    try:
-        low, high = map(float, ends if len(ends) > 1 else [*ends, *ends])
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f'{name} {value!r} is not understood; LOW:HIGH or one number is expected, such as {example}'
-        ) from None
-    return low, high
 
 
 def as_arguments(text: str) -> str:
@@ -80,8 +70,11 @@ def _argument(found: re.Match[str]) -> str:
     """Return an option, and the word after it if that is its value, as an argument."""
     name, after = found[1].replace('-', '_'), found[2] or ''
     option = next((option for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if option.name == name), None)
+    if option is None and name not in RENAMED:
+        return found[0]
+    name = RENAMED.get(name, name)
     if option is None:
-        return RENAMED[name] + after if name in RENAMED else found[0]
+        return name + after
     if isinstance(option.default, bool):
         return f'{name}=True{after}'
     written = _as_literal(option, after[1:].strip("'"))
@@ -93,9 +86,9 @@ def _as_literal(option: Setting, value: str) -> str:
     parts = value.split(',')
     if option.name in ('columns', 'offset') and all('=' in part for part in parts):
         return repr(dict(part.split('=', 1) for part in parts))
-    if option.name == 'negate' and set(parts) <= set(QUANTITIES):
+    if (option.name == 'negate' and set(parts) <= set(QUANTITIES)) or (option is JOINTS and len(parts) == 2):
         return repr(parts)
-    if value in option.choices or (option.name in ('sheet', 'encoding') and value):
+    if value in option.choices or (option.name in ('topic', 'sheet', 'encoding') and value):
         return repr(value)
     if isinstance(option.default, float) and value.isupper():
         return value  # a placeholder
@@ -104,15 +97,3 @@ def _as_literal(option: Setting, value: str) -> str:
     except ValueError:
         return ''
     return numbers[0] if len(numbers) == 1 else f'({", ".join(numbers)})'
-
-
-def _value(option: Setting, value: Any) -> Any:
-    """Return the value of an option as its type."""
-    if option is CRITERION:
-        names = value.split(',') if isinstance(value, str) else value
-        return tuple(dict.fromkeys(name.strip() for name in names))
-    if option is DELAY:
-        return interval_of('delay', value, '0:0.02')
-    if option is START:
-        return value if isinstance(value, Parameters) else read_result(Path(value)).theta
-    return option.parse(value)

@@ -55,7 +55,7 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
             raise MissingFileError(
                 f'there is no bag {window.path}, from which this result was made; name its folder: --bags FOLDER'
             )
-        recorded = read_trajectory(window, topic=source.topic, joint_names=source.joint_names, conversion=conversion)
+        recorded = read_trajectory(window, conversion)
         if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag from which this result was made: its SHA-256 begins with '

@@ -100,12 +100,7 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
 
 
 def track_recordings(
-    start: Start,
-    windows: Sequence[BagWindow],
-    topic: str,
-    joint_names: Sequence[str],
-    conversion: Conversion,
-    progress: Progress,
+    start: Start, windows: Sequence[BagWindow], conversion: Conversion, progress: Progress
 ) -> tuple[Tracker, Track]:
     """Track a rig through windows of recordings, one after the other, and return the tracker and its history.
 
@@ -117,7 +112,7 @@ def track_recordings(
         reader, until, informative = open_recording(window.path, conversion), base, InformativeWindows()
         if reader.note:
             track.notes.append(f'{window}: {reader.note}')
-        for samples in stream_samples(reader, window, topic, joint_names, conversion):
+        for samples in stream_samples(reader, window, conversion):
             informative.add(samples)
             samples[:, 0] += base
             until = max(until, float(samples[-1, 0]))

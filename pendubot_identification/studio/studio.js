@@ -2,7 +2,7 @@
 /* The page of the studio: `state` has all that is known, each step is drawn from it as HTML, and the elements name in
    data-do and data-set what a click or a choice does. */
 'use strict';
-const state = { step: 0, files: [], options: {}, topic: '/joint_states', joints: ['shoulder', 'elbow'], shown: 0,
+const state = { step: 0, files: [], options: {}, shown: 0,
   open: {} };
 let about, running = null, waiting;
 
@@ -88,8 +88,7 @@ async function follow(url, how, onEvent) {
 }
 function job(files = state.files) {
   const part = (wanted) => files.filter(({ role }) => role === wanted).map(({ role, ...window }) => window);
-  const { options, topic, joints } = state;
-  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options, topic, joints });
+  return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options: state.options });
 }
 function cancel() { running?.abort(); running = null; }
 async function task(name, files, onProgress) {
@@ -220,9 +219,9 @@ function row(found, name) {
 function bag(found) {
   const joints = found.joints.map((name) => [name, name]);
   return html`<h3>Topic and joints</h3><div class="row">
-    ${select('topic', 'topic', state.topic, found.topics.map((each) => [each, each]))}
+    ${select('option:topic', 'topic', given('topic'), found.topics.map((each) => [each, each]))}
     ${['shoulder', 'elbow'].map((joint, k) => html`<label class="row">${joint}
-      ${select(`joint:${k}`, joint, state.joints[k], joints)}</label>`)}</div>`;
+      ${select(`joint:${k}`, joint, given('joints').split(',')[k], joints)}</label>`)}</div>`;
 }
 const BOX = '-16 -8 62 60', DOWN = -Math.PI / 2;
 const ZERO = [['horizontal', 'Horizontal', 'at rest it is −90°', rig(-0.9, -0.4, BOX, angle(0, 0, 19, 0, -0.9))],
@@ -425,8 +424,13 @@ const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: 
   copy: (_, own) => navigator.clipboard.writeText(own.previousElementSibling.innerText)
     .then(() => { own.textContent = 'Copied'; }) };
 const edit = (key, what) => (k, value) => { state.files[k][key] = value; changed(what); };
-const SETS = { option: choose, topic: (_, value) => { state.topic = value; changed(); },
-  joint: (k, value) => { state.joints[k] = value; changed(); },
+const SETS = { option: choose, 
+  joint: (k, value) => {
+    const both = given('joints').split(',');
+    if (both[1 - k] === value) both[1 - k] = both[k];
+    both[k] = value;
+    choose('joints', both.join(','));
+  },
   role: edit('role', 'roles'), start: edit('start'), end: edit('end'),
   column: (name, value) => choose('columns', Object.entries({ ...named(), [name]: value }).filter(([, each]) =>
     each).map((pair) => pair.join('=')).join(',')),

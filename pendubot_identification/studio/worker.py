@@ -28,7 +28,7 @@ INTERVAL = 0.1
 #: The files for other programs.
 EXPORTS = [f'pendubot.{suffix}' for suffix in ('xml', 'urdf', 'yaml', 'm', 'h', 'py')]
 #: The options by which a recording is read.
-READING = {'topic', 'joint_names', *(setting.name for setting in CONVERSION)}
+READING = {'joint_names', *(setting.name for setting in CONVERSION)}
 Say = Callable[[Mapping[str, Any]], None]
 
 
@@ -84,7 +84,7 @@ def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
 
 def _options(job: Mapping[str, Any]) -> dict[str, Any]:
     options = {name: value for name, value in job['options'].items() if name != 'bounds'}
-    return {'topic': job['topic'], 'joint_names': job['joints'], **options}
+    return options | ({'joint_names': options.pop('joints')} if 'joints' in options else {})
 
 
 def _problem(error: Exception) -> dict[str, Any]:

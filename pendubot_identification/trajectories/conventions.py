@@ -8,11 +8,20 @@ Nothing heavy is imported here: ``--help`` needs no numpy.
 
 from __future__ import annotations
 
-from pendubot_identification.setting import Setting
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from pendubot_identification.errors import ParameterError
+from pendubot_identification.setting import Setting, words
 
 #: Required and optional columns of a motion.
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')
+#: The topic and the joints of a bag, by default.
+JOINT_STATES_TOPIC = '/joint_states'
+JOINT_NAMES = ('shoulder', 'elbow')
 
 
 def current_name(shoulder: str) -> str:
@@ -20,18 +29,49 @@ def current_name(shoulder: str) -> str:
     return f'{shoulder}_current'
 
 
+def _pairs(option: str, value: Any) -> dict[str, str]:
+    """Return the pairs of ``q1=NAME,q2=NAME``, or raise ParameterError."""
+    if isinstance(value, Mapping):
+        return {str(name): str(text) for name, text in value.items()}
+    named: dict[str, str] = {}
+    example = 't=NAME,q1=NAME,...' if option == 'columns' else 'q1=0.1,tau1=0.05,...'
+    # The name of a column may hold a comma, too.
+    for part in words(value if isinstance(value, (list, tuple)) else re.split(r',(?=\s*\w+\s*=)', str(value))):
+        name, _, text = (word.strip() for word in part.partition('='))
+        if not (name and text) or name in named:
+            raise ParameterError(f'--{option} {part!r} is not understood; {example} is expected, each once')
+        named[name] = text
+    return named
+
+
+def _amount(name: str, text: str) -> float:
+    number, degrees = text.removesuffix('deg'), text.endswith('deg') and name.startswith('q')
+    try:
+        amount = float(number if degrees else text)
+    except ValueError:
+        amount = math.nan
+    if not math.isfinite(amount):
+        raise ParameterError(f'--offset {name}={text} is not understood; a number is expected, such as q1=5deg')
+    return math.radians(amount) if degrees else amount
+
+
 #: In seconds and in N m.
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
 
-#: In the order of application; the first ones are for files with columns only.
+TOPIC = Setting('topic', JOINT_STATES_TOPIC, 'topic of a bag')
+JOINTS = Setting('joints', ','.join(JOINT_NAMES), 'joint names in a bag', read=lambda value: tuple(words(value)))
+#: In the order of application; the first ones are for bags or for files with columns only.
 CONVERSION = (
+    TOPIC,
+    JOINTS,
     Setting(
         'columns',
         '',
         f'names of the columns in a file: t=NAME,q1=NAME,... for {", ".join(REQUIRED)} and, if present, '
         f'{", ".join(OPTIONAL)}',
         optional=True,
+        read=lambda value: _pairs('columns', value),
     ),
     Setting('skip_rows', 0, 'lines above the column names of a text file or a sheet', '', 0, 100_000),
     Setting('sheet', '', 'name of the sheet of an Excel file; by default the first', optional=True),
@@ -72,6 +112,7 @@ CONVERSION = (
         '',
         'quantities with the opposite sign, of q1,q2,tau1,tau2; velocities follow their angles',
         optional=True,
+        read=lambda value: tuple(words(value)),
     ),
     Setting(
         'elbow',
@@ -90,6 +131,7 @@ CONVERSION = (
         '',
         'subtracted last: q1=0.1,q2=5deg,tau1=0.05, in rad or deg, and in N m',
         optional=True,
+        read=lambda value: {name: _amount(name, text) for name, text in _pairs('offset', value).items()},
     ),
 )
 OF_FILES = ('columns', 'skip_rows', 'sheet', 'encoding', 'decimal', 'time_unit')

@@ -6,9 +6,8 @@
 from __future__ import annotations
 
 import math
-import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations, product
 from typing import Any, NamedTuple
@@ -18,7 +17,16 @@ from numpy.typing import NDArray
 
 from pendubot_identification.errors import ParameterError, TrajectoryError
 
-from .conventions import CONVERSION, OPTIONAL, REQUIRED, TIME_UNITS, TORQUE_UNITS, current_name
+from .conventions import (
+    CONVERSION,
+    JOINT_NAMES,
+    JOINT_STATES_TOPIC,
+    OPTIONAL,
+    REQUIRED,
+    TIME_UNITS,
+    TORQUE_UNITS,
+    current_name,
+)
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -57,6 +65,8 @@ class Conversion:
         ParameterError: a value is invalid.
     """
 
+    topic: str = JOINT_STATES_TOPIC
+    joints: tuple[str, ...] = JOINT_NAMES
     columns: Mapping[str, str] = field(default_factory=dict)
     skip_rows: int = 0
     sheet: str = ''
@@ -85,6 +95,11 @@ class Conversion:
         ):
             if unknown := [name for name in given if name not in known]:
                 raise ParameterError(f'--{option} does not know the quantity {unknown[0]!r}; use {", ".join(known)}')
+        if len(self.joints) != 2 or len(set(self.joints)) != 2:
+            raise ParameterError(
+                f'--joints {",".join(self.joints)} names {len(set(self.joints))} joints; two are expected, such as '
+                f'{",".join(JOINT_NAMES)}'
+            )
         if self.gear != 1 and not self.torque_constant:
             raise ParameterError(
                 f'--gear {self.gear:g} multiplies a torque constant, and none is given; add --torque-constant K'
@@ -103,20 +118,9 @@ class Conversion:
             ParameterError: a name is unknown or a value is invalid.
         """
         known = {option.name: option for option in CONVERSION}
-        chosen: dict[str, Any] = {}
-        for name, value in given.items():
-            if name not in known:
-                raise ParameterError(f'{name!r} is no option of the conversion; {", ".join(known)} are')
-            if name == 'columns':
-                value = _pairs(name, value)
-            elif name == 'offset':
-                value = {each: _amount(each, text) for each, text in _pairs(name, value).items()}
-            elif name == 'negate':
-                value = tuple(_words(value))
-            elif isinstance(known[name].default, (bool, int, float)):
-                value = known[name].parse(value)
-            chosen[name] = value
-        return cls(**chosen)
+        if unknown := given.keys() - known.keys():
+            raise ParameterError(f'{min(unknown)!r} is no option of the conversion; use one of {", ".join(known)}')
+        return cls(**{name: known[name].parse(value) for name, value in given.items()})
 
     def words(self) -> dict[str, str]:
         """Return the options that differ from their defaults, as texts for :meth:`of`."""
@@ -149,11 +153,12 @@ class Conversion:
         """The unit of a file's times."""
         return TIME_UNITS[self.time_unit]
 
-    def effort_names(self, joint_names: Sequence[str]) -> list[str]:
-        """Return the names of the two entries of a JointState whose efforts become tau1 and tau2, before any swap."""
-        names = list(joint_names)
+    @property
+    def effort_names(self) -> list[str]:
+        """The names of the two entries of a JointState whose efforts become tau1 and tau2, before any swap."""
+        names = list(self.joints)
         if self.torque_constant:
-            names[self.swap in ('joints', 'efforts')] = current_name(joint_names[0])
+            names[self.swap in ('joints', 'efforts')] = current_name(self.joints[0])
         return names
 
     @property
@@ -237,34 +242,3 @@ class Conversion:
 def options(words: Mapping[str, str]) -> list[str]:
     """Return the result of :meth:`Conversion.words` as options of the command line, quoted for a shell."""
     return [f'--{n.replace("_", "-")}' + ('' if v == 'true' else f' {shlex.quote(v)}') for n, v in words.items()]
-
-
-def _words(value: Any) -> list[str]:
-    parts = value if isinstance(value, (list, tuple)) else str(value).split(',')
-    return [str(part).strip() for part in parts if str(part).strip()]
-
-
-def _pairs(option: str, value: Any) -> dict[str, str]:
-    """Return the pairs of ``q1=NAME,q2=NAME``, or raise ParameterError."""
-    if isinstance(value, Mapping):
-        return {str(name): str(text) for name, text in value.items()}
-    named: dict[str, str] = {}
-    example = 't=NAME,q1=NAME,...' if option == 'columns' else 'q1=0.1,tau1=0.05,...'
-    # The name of a column may hold a comma, too.
-    for part in _words(value if isinstance(value, (list, tuple)) else re.split(r',(?=\s*\w+\s*=)', str(value))):
-        name, _, text = (word.strip() for word in part.partition('='))
-        if not (name and text) or name in named:
-            raise ParameterError(f'--{option} {part!r} is not understood; {example} is expected, each once')
-        named[name] = text
-    return named
-
-
-def _amount(name: str, text: str) -> float:
-    number, degrees = text.removesuffix('deg'), text.endswith('deg') and name.startswith('q')
-    try:
-        amount = float(number if degrees else text)
-    except ValueError:
-        amount = math.nan
-    if not math.isfinite(amount):
-        raise ParameterError(f'--offset {name}={text} is not understood; a number is expected, such as q1=5deg')
-    return math.radians(amount) if degrees else amount

@@ -49,7 +49,7 @@ class Trajectory:
                     skip_missing='true',
                 )
         if not np.isfinite(self.t).all():
-            raise TrajectoryError(f'{self.name}: a stamp is not a finite number; every sample needs a time in seconds')
+            raise TrajectoryError(f'{self.name}: a stamp is not a finite number; give every sample a time in seconds')
         wrong = np.flatnonzero(np.diff(self.t) <= 0)
         if wrong.size:
             k = int(wrong[0])

@@ -32,13 +32,6 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def damaged(file, at):
-    """Change a byte."""
-    data = bytearray(file.read_bytes())
-    data[at] ^= 1
-    file.write_bytes(data)
-
-
 def test_a_CSV_file_becomes_a_bag_and_force_replaces_one(run, tmp_path):
     rows = [f'{0.01 * k:.2f},{k},{90 + k},{k / 2}' for k in range(101)]
     (tmp_path / 'run.csv').write_text('\n'.join(['time,a,b,u', *rows]))
@@ -89,7 +82,7 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     """Without its end, and with a byte changed in the middle."""
     sent = damage.write(tmp_path / 'swing', closed=False)
     file = tmp_path / 'swing' / 'swing_0.mcap'
-    damaged(file, file.read_bytes().index(sent[200][2]) + 20)
+    damage.flip(file, file.read_bytes().index(sent[200][2]) + 20)
     before = contents(tmp_path / 'swing')
     assert 'pendubot repair makes a closed copy' in run('info', 'swing')[1]
     assert run('repair', 'swing/')[0] == 0

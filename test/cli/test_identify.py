@@ -4,15 +4,12 @@
 """pendubot identify from outside: what is printed, what is written, and the exit status."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 
 from pendubot_identification.model.parameters import NAMES, PAPER
-from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.recordings.joint_states import write_trajectory
 from test.cli.conftest import FAST
 from test.processes import run_program
 
@@ -117,17 +114,6 @@ def test_a_remainder_too_short_to_judge_by_costs_no_result(run, tmp_path):
     for window, rest in (('0.2:4', [f'{fast}@4:']), ('0.2:5.8', [])):
         status, out, _ = run('identify', f'{fast}@{window}', *WEAK, '--delay', '0', '--json')
         assert (status, [b['bag'] for b in json.loads(out)['bags']]) == (0, [f'{fast}@{window}', *rest])
-
-
-@pytest.mark.parametrize(('options', 'status'), [((), 3), (('--fail-on', 'never'), 0)])
-def test_a_result_of_level_error_has_an_exit_status_and_is_written(run, made, tmp_path, options, status):
-    motion = read_trajectory(made / 'swing').trajectory
-    write_trajectory(tmp_path / 'bag', replace(motion, tau=-motion.tau))
-    output = tmp_path / 'mine.yaml'
-    ended, out, err = run('identify', tmp_path / 'bag', *WEAK, '--output', output, *options)
-    assert (ended, err) == (status, '')
-    assert out.endswith(f'written to {output}\n')
-    assert yaml.safe_load(output.read_text())['level'] == 'ERROR'
 
 
 def test_a_result_that_cannot_be_written_in_the_end_is_printed_all_the_same(made, tmp_path):

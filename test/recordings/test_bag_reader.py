@@ -19,8 +19,9 @@ from pendubot_identification.recordings import mcap_file
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
+from pendubot_identification.trajectories.conversion import Conversion
 
-from .bags import FLOAT, START, STEP, TOPIC, foreign, message, samples, write
+from .bags import FLOAT, JOINTS, START, STEP, TOPIC, foreign, message, samples, write
 from .damage import flip
 
 
@@ -86,8 +87,21 @@ def test_stamps_of_another_clock_are_found(tmp_path):
 
 def test_any_two_joints_of_any_topic_may_be_named(tmp_path):
     path = write(tmp_path / 'bag', samples(100, names=lambda k: ('gripper', 'elbow')), topic='/rig/joints')
-    trajectory = read_trajectory(path, topic='/rig/joints', joint_names=('elbow', 'gripper')).trajectory
+    trajectory = read_trajectory(path, Conversion(topic='/rig/joints', joints=('elbow', 'gripper'))).trajectory
     np.testing.assert_array_equal(trajectory.tau[:, 1], np.arange(100))
+
+
+def test_a_measured_current_times_the_motors_constant_is_the_torque(tmp_path):
+    """As the bridge records it beside the commanded torque."""
+    three = {
+        'names': lambda k: (*JOINTS, 'shoulder_current'),
+        'position': lambda k: (0, 0, 0),
+        'velocity': lambda k: (),
+    }
+    path = write(tmp_path / 'bag', samples(100, **three, effort=lambda k: (9, 0, k)))
+    measured = read_trajectory(path, Conversion(torque_constant=0.05, gear=7.0)).trajectory
+    np.testing.assert_allclose(measured.tau, np.outer(np.arange(100), [0.35, 0]))
+    np.testing.assert_array_equal(read_trajectory(path).trajectory.tau, [(9, 0)] * 100)
 
 
 def test_splits_are_read_in_order(tmp_path):
@@ -196,7 +210,7 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
         *(('bag', each, f'holds no sensor_msgs/msg/JointState on {each}{others}') for each in (TOPIC, '/effort')),
     ):
         with pytest.raises(BagError, match=sentence):
-            read_trajectory(tmp_path / name, topic=topic)
+            read_trajectory(tmp_path / name, Conversion(topic=topic))
 
 
 @pytest.mark.parametrize(

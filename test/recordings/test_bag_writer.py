@@ -105,28 +105,6 @@ def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, make):
     assert contents(tmp_path) == before
 
 
-def test_a_bag_is_overwritten_only_on_request_and_by_a_complete_one(tmp_path):
-    path = write(tmp_path / 'bag', count=10)
-    with pytest.raises(BagError, match='exists already'), complete_bag(path):
-        pass
-
-    def interrupted():
-        with complete_bag(path, overwrite=True) as bag:
-            bag.write(bag.add_topic(TOPIC, JOINT_STATE), message(0)[1], START)
-            bag.flush()
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert os.listdir(tmp_path) == ['bag']
-    assert BagReader(path).count == 10
-    with complete_bag(path, overwrite=True) as bag:
-        write(path, 20, bag)
-    assert os.listdir(tmp_path) == ['bag']
-    assert BagReader(path).count == 20
-    assert by_mcap(path) == by_rosbags(path)
-
-
 def test_a_killed_writer_loses_at_most_a_tenth_of_a_second_though_the_clock_is_set_back(tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         channel = bag.add_topic(TOPIC, JOINT_STATE)

@@ -7,15 +7,12 @@ import json
 import os
 import shutil
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.writer import CompressionType
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.errors import BagError
-from pendubot_identification.recordings.bag_reader import BagReader, BagWindow, joint_samples
+from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
 from pendubot_identification.recordings.bag_writer import BagWriter
 from test.cli.conftest import contents
@@ -121,29 +118,6 @@ def unclosed(folder, data):
     folder.mkdir(exist_ok=True)
     (folder / 'bag_0.mcap').write_bytes(data)
     return folder
-
-
-def times_of(path, *window):
-    """Return the times of a window's samples [ns], and their first effort."""
-    blocks = list(joint_samples(BagReader(path), BagWindow(path, *window)))
-    return [np.concatenate([[], *(block[0] for block in blocks)]), *(block[1][:, 1, 0] for block in blocks)]
-
-
-@pytest.fixture(scope='module')
-def closed(tmp_path_factory):
-    """A closed bag's file, its bytes and its chunks."""
-    path = tmp_path_factory.mktemp('recorded') / 'bag'
-    damage.write(path)
-    return path / 'bag_0.mcap', (path / 'bag_0.mcap').read_bytes(), chunks(path / 'bag_0.mcap')
-
-
-@settings(max_examples=30)
-@given(st.tuples(*[st.none() | st.floats(0, 4)] * 2).filter(lambda w: (w[0] or 0) < (5 if w[1] is None else w[1])))
-def test_a_window_is_the_same_in_the_unclosed_and_the_closed_bag(closed, tmp_path_factory, window):
-    file, data, found = closed
-    folder = unclosed(tmp_path_factory.getbasetemp() / 'open', data[: found[-1].end])
-    for one, other in zip(times_of(folder, *window), times_of(file, *window), strict=True):
-        np.testing.assert_array_equal(one, other)
 
 
 def test_without_checksums_a_chunk_with_a_wrong_length_is_damaged(tmp_path):

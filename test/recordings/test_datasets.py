@@ -45,9 +45,3 @@ def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
 @pytest.mark.parametrize('window', ['', '@:', '@0:', '@2:', '@0:6', '@6:12', '@0:12'])
 def test_a_window_within_the_recording_has_no_note(recordings, window):
     assert load_datasets([f'{recordings / "bag"}{window}']).notes == ()
-
-
-def test_windows_that_overlap_are_named_once(recordings):
-    bag = recordings / 'bag'
-    (note,) = load_datasets([f'{bag}@0:8', f'{bag}@6:12']).notes
-    assert note.startswith(f'{bag}@0:8 and {bag}@6:12 share samples')

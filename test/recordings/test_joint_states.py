@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import BagError
-from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
 from pendubot_identification.recordings.joint_states import (
     JointDecoder,
     decode_joint_state,
@@ -18,7 +17,7 @@ from pendubot_identification.recordings.joint_states import (
 )
 from pendubot_identification.recordings.mcap_file import Messages
 
-from .bags import JOINTS, START, STEP, samples, write
+from .bags import JOINTS
 
 numbers = st.floats(allow_nan=True, allow_infinity=True, width=64)
 stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
@@ -80,22 +79,3 @@ def test_the_content_of_padding_is_ignored():
 def test_invalid_joint_states_are_one_sentence(data):
     with pytest.raises(BagError, match='is no sensor_msgs/msg/JointState'):
         JointDecoder(JOINTS, 'bag')(Messages.of([data]))
-
-
-def test_a_bag_with_changing_messages_is_read(tmp_path):
-    """Joints that change their order midway, velocities that are missing for a while, a joint missing at the end."""
-    turned = {
-        'stamp': lambda k: START + k * STEP,
-        'names': lambda k: JOINTS[:: 1 if k < 100 else -1] if k < 290 else ('shoulder', 'wrist'),
-        'position': lambda k: [k, -k][:: 1 if k < 100 else -1],
-        'velocity': lambda k: [] if 150 <= k < 200 else [0, 0],
-        'effort': lambda k: [k / 2, 0][:: 1 if k < 100 else -1],
-    }
-    path = write(tmp_path / 'bag', samples(300, **turned))
-    read = read_trajectory(BagWindow(path, 0.5, 1.8)).trajectory
-    np.testing.assert_array_equal(read.q, np.arange(50, 180)[:, None] * [1, -1])
-    np.testing.assert_array_equal(read.tau, np.arange(50, 180)[:, None] * [0.5, 0])
-    assert read.qd is None
-    assert read_trajectory(BagWindow(path, 0.5, 1.4)).trajectory.qd is not None
-    with pytest.raises(BagError, match=r'/joint_states, sample 290 has no joint .elbow.'):
-        read_trajectory(path)

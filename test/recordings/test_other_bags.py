@@ -47,6 +47,6 @@ def test_wrapped_angles_are_continuous_however_they_are_read(tmp_path, conversio
         read_trajectory(tmp_path / 'run')
     window = BagWindow(tmp_path / 'run')
     reader = open_recording(window.path, conversion)
-    rows = stream_samples(reader, window, '/joint_states', ('shoulder', 'elbow'), conversion)
-    for q in (read_trajectory(window, conversion=conversion).trajectory.q, np.concatenate(list(rows))[:, 1:3]):
+    rows = stream_samples(reader, window, conversion)
+    for q in (read_trajectory(window, conversion).trajectory.q, np.concatenate(list(rows))[:, 1:3]):
         np.testing.assert_allclose(q, expected.q, atol=1e-9)

@@ -50,15 +50,6 @@ def test_the_default_columns_and_degrees(given):
     np.testing.assert_array_equal(degrees.tau, trajectory.tau)
 
 
-def test_columns_can_be_named_and_some_be_absent(given):
-    trajectory = read(
-        given('time,th1,q2,u,extra\n0,1,2,3,x\n.1,2,3,4,y\n'), columns={'t': 'time', 'q1': 'th1', 'tau1': 'u'}
-    )
-    np.testing.assert_array_equal(trajectory.q, [[1, 2], [2, 3]])
-    np.testing.assert_array_equal(trajectory.tau, [[3, 0], [4, 0]])
-    assert trajectory.qd is None
-
-
 @pytest.mark.parametrize(
     ('text', 'encoding'),
     [

@@ -25,7 +25,6 @@ from pendubot_identification.report import rig
 from pendubot_identification.report.page import result_page, write_report
 from pendubot_identification.report.plots import Timeline, draw_correlation, plot_recordings, plot_simulation
 from pendubot_identification.report.tables import STATES
-from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import PartialResult, Result
@@ -233,8 +232,7 @@ def test_a_corrected_recording_stands_beside_itself_as_recorded():
         read = conversion.motion(turned.t, turned.q, turned.tau, None, 'swing')
         return Datasets((read[:400],), (read[400:800],), (SOURCE,), ())
 
-    found, _ = identify_recordings(load, Settings(('weak',), 'viscous', 'lsq'), apply_remedies=True)
-    result = assemble_result(found, [SOURCE])
+    result, _ = identify_recordings(load, Settings(('weak',), 'viscous', 'lsq'), apply_remedies=True)
     assert result.parameters['P1'].value == pytest.approx(good.parameters['P1'].value, rel=0.01)
     assert structured(Result, plain_of(result), 'test') == result
     page = Page(result_page(result, []))

@@ -12,10 +12,9 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.provenance import answers, hold, recordings, settings
+from pendubot_identification.results.provenance import recordings, settings
 from test.conftest import ROOT
-from test.identified import identified, made, plain
-from test.identified import result as read
+from test.identified import identified
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
@@ -36,18 +35,3 @@ def test_settings_of_a_result_are_read_back():
     asked = Settings(('weak', 'energy'), 'coulomb', 'lsq', seed=7, bounds=bounds, **given)
     again = settings(assemble_result(replace(identified(('weak',)), settings=asked), []))
     assert repr(again) == repr(asked)
-
-
-def test_answers_and_hold():
-    data = plain()
-    found = answers(read(data))
-    assert list(found) == list(data['criteria'])
-    for name, answer in found.items():
-        values = [entry['value'] for entry in data['criteria'][name]['parameters'].values()]
-        assert answer.theta.tolist() == values
-        assert answer.delay == data['criteria'][name]['effort']['delay']
-        # As a program would write it that sorts what it writes.
-        data['criteria'][name]['parameters'] = dict(reversed(data['criteria'][name]['parameters'].items()))
-        assert answers(read(data))[name].theta.tolist() == values
-    assert hold(read(data)) == 'zero'
-    assert hold(made(('energy',), hold='linear')) == 'linear', 'energy never asks, but the states may be simulated so'

@@ -91,14 +91,6 @@ def test_zeros_are_in_degrees_by_recording():
     assert made(('energy',)).zeros == []
 
 
-def test_a_result_names_its_settings():
-    data = plain(('energy',), optimizer='mde')
-    how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
-    assert data['criteria']['energy']['mde'] == how
-    assert len(data['J']['training_runs']) == data['J']['runs_at_least_squares'] == 10
-    assert data['bags'] == [asdict(SOURCE)]
-
-
 @pytest.fixture
 def by_hand(tmp_path):
     """Writes a file with the paper's parameters and nothing else, some of them changed, or left out with None."""

@@ -54,8 +54,7 @@ class Page:
     def post(self, what, *names, validate=(), windows=None, **options):
         """Send a job; return the response, whose lines come as they are said."""
         bags, judges = ([{'name': name, **(windows or {})} for name in part] for part in (names, validate))
-        asked = {'bags': bags, 'validate': judges, 'options': options}
-        body = json.dumps(asked | {'topic': '/joint_states', 'joints': ['shoulder', 'elbow']})
+        body = json.dumps({'bags': bags, 'validate': judges, 'options': options})
         return self.studio.request('POST', self.path + what, body)
 
     def do(self, what, *names, **how):
