@@ -13,6 +13,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -29,7 +30,7 @@ from pendubot_identification.results.result_file import result_text
 from pendubot_identification.tracking.events import Event, State
 
 from . import plots, rig, tables
-from .plots import Picture, Prepared, Recordings
+from .plots import Picture, Prepared, Recordings, Wanted
 from .table import Table, typeset
 from .time_plot import TimePlot
 
@@ -143,7 +144,8 @@ def write_report(
         ResultError: the system refuses to write.
     """
     prepared = Prepared.of(result, *motions) if motions else None
-    wanted = [*plots.of_result(result), *(prepared.pictures() if prepared else [])]
+    wanted: list[Wanted] = [('the correlations', partial(plots.draw_correlation, result))]
+    wanted += prepared.pictures() if prepared else []
     pictures: list[Picture] = []
     missing = []
     for k, (subject, draw) in enumerate(wanted):

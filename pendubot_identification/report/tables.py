@@ -97,16 +97,6 @@ def papers_head(result: Result) -> str:
     return 'energy' if energy.mde is None else 'energy by MDE'
 
 
-def J_sentence(result: Result) -> str:
-    """Return J of the selected criterion, and of the paper's."""
-    said = []
-    for name in dict.fromkeys([result.criterion, 'energy'] if papers_head(result) else [result.criterion]):
-        J = result.criteria[name].J
-        validation = '' if J.validation is None else f', {J.validation:.4g} on validation'
-        said.append(f'{name} {number(J.training, ".4g")} {J.unit}{validation}')
-    return f'J: {"; ".join(said)}'
-
-
 def rounding(entries: Iterable[Parameter]) -> str:
     """Return the format that shows three digits of the smallest estimate, or of its standard error if that is more."""
     sizes = [max(abs(e.value), e.std_error or 0.0) for e in entries if e.value and not e.on_bound]
@@ -313,7 +303,7 @@ def summary(result: Result) -> str:
     selected = f'selected: the criterion {result.criterion}, {result.model} model'
     shown: list[str | Table | None] = [
         '\n'.join(sources),
-        f'{selected}\n{parameter_table(result).text()}\n{wrapped(J_sentence(result))}',
+        f'{selected}\n{parameter_table(result).text()}',
     ]
     # Where a fault of the recordings explains all that is odd, the rest would only hide it.
     if not result.consequences:

@@ -12,7 +12,7 @@ from test.cli.conftest import FAST, contents
 from test.report.test_page import Page
 
 PLOTS = {'recordings', 'simulation', 'torque_left', 'residuals_energy'}
-FIGURES = {'torque_means', 'whiteness_energy', 'convergence_energy', 'correlation', 'excitation'}
+FIGURES = {'torque_means', 'whiteness_energy', 'correlation'}
 
 
 def names(folder):

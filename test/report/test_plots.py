@@ -1,10 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plots and figures: the same arrays, the same bytes; long recordings, small files; every extreme is shown."""
+"""Plots and figures: of the right numbers; the same arrays, the same bytes; long recordings, small files."""
 
 import json
 import math
+import warnings
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import hypothesis.extra.numpy as arrays
@@ -13,23 +15,94 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pendubot_identification.criteria.prediction_error import STEP
+from pendubot_identification.level import NORMAL_95
+from pendubot_identification.model.rollout import roll
 from pendubot_identification.report import plots
 from pendubot_identification.report.time_plot import Line, Panel, TimePlot, joined, thinned
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.identified import plain
+from test.identified import made, plain
 from test.identified import result as typed
-from test.report.pictures import every_picture, motion, residuals, simulation, unexplained_torque
+from test.report.pictures import every_picture, motion, pictures, swing
+from test.virtual import recording
 
 
-def test_each_is_a_complete_SVG_and_PNG_with_nothing_from_elsewhere_and_always_the_same():
+def of_this(result, **values):
+    """A result with other values of some parameters."""
+    best = result.criteria[result.criterion]
+    changed = best.parameters | {name: replace(best.parameters[name], value=v) for name, v in values.items()}
+    return replace(result, criteria=result.criteria | {result.criterion: replace(best, parameters=changed)})
+
+
+def lines(picture):
+    """The values of all lines, a list a panel."""
+    return [[np.concatenate(line.values) for line in panel.lines] for panel in picture.content.panels]
+
+
+def test_residuals_are_those_of_J_and_innovations_are_white_and_of_unit_variance():
+    result = made()
+    drawn = pictures(result, [swing()[:400]])
+    for criterion in ('energy', 'weak'):
+        (found,), J = lines(drawn[f'residuals_{criterion}']), result.criteria[criterion].J
+        everything = np.concatenate(found)
+        assert everything.size == J.residuals
+        np.testing.assert_allclose((everything**2).mean(), J.training, rtol=1e-6)
+    (panel,) = drawn['residuals_likelihood'].content.panels
+    assert panel.unit == 'standard deviations'
+    np.testing.assert_allclose(np.diff(panel.times[0]), 0.05, rtol=1e-3)
+    for (values,) in (line.values for line in panel.lines):
+        np.testing.assert_allclose((values**2).mean(), 1, atol=0.35)
+    correlation, _ = drawn['whiteness_likelihood'].content.axes
+    band = NORMAL_95 / math.sqrt(len(panel.times[0]))
+    assert all((np.abs(curve.get_ydata()[1:]) < 1.5 * band).mean() > 0.85 for curve in correlation.lines)
+
+
+def test_the_simulation_is_a_rollout_from_measured_states_with_the_recorded_torque():
+    result = made()
+    (picture,) = plots.Prepared.of(result, [swing()[:400]], [swing()[400:800]]).simulation()
+    live, steps = picture.content.live, picture.content.live['every']
+    assert picture.about == {'validation': True, 'ahead': 1.0, 'part': ''}
+    states, tau = np.array(live['states']), np.array(live['tau'])
+    begins = np.arange(0, states.shape[1] - 1, steps)
+    torques = np.stack([tau[:, b : b + steps] for b in begins], axis=2)
+    expected = roll(result.theta.vector(), states[:, begins], torques, STEP)
+    for k, (measured, simulated, dots) in enumerate(lines(picture)[:4]):
+        np.testing.assert_allclose(measured, states[k], rtol=1e-6)
+        assert np.flatnonzero(np.isfinite(dots)).tolist() == begins.tolist()
+        for n, begin in enumerate(begins):
+            shown = simulated[begin : begin + steps - 1]
+            np.testing.assert_allclose(shown, expected[: steps - 1, k, n], atol=1e-3)
+            errors = lines(picture)[4 + k // 2][k % 2][begin : begin + steps - 1]
+            np.testing.assert_allclose(errors, shown - states[k, begin : begin + steps - 1], atol=1e-5)
+
+
+def test_the_worst_part_of_long_recordings_is_shown_behind_the_others():
+    good = recording(4000, name='b')
+    # For two seconds the recorded torque is not the one that acted.
+    tau = good.tau + np.outer((good.t > 25) & (good.t < 27), [0.05, 0.0])
+    first = recording(800, seed=2, name='a')
+    (picture,) = plots.Prepared.of(made(), [first, replace(good, tau=tau)], []).simulation()
+    assert picture.about == {'validation': False, 'ahead': 1.0, 'part': 'b'}
+    t = picture.content.panels[0].times[0] - first.t[-1]
+    assert t[0] < 25 < 27 < t[-1] <= t[0] + plots.SHOWN
+
+
+def test_a_simulation_that_diverges_is_drawn_as_far_as_it_goes_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        (picture,) = plots.Prepared.of(of_this(made(), b1=-10.0, b2=-10.0), [swing()[:400]], []).simulation()
+    assert np.isnan(lines(picture)[0][1]).sum() > 10
+    svg = picture.files('svg')['svg']
+    assert b'inf' not in svg
+    assert b'nan' not in svg
+
+
+def test_each_is_a_complete_SVG_with_nothing_from_elsewhere():
     for picture in every_picture():
-        files = picture.files('svg', 'png')
-        root = ElementTree.fromstring(files['svg'])
+        root = ElementTree.fromstring(picture.files('svg')['svg'])
         assert root.tag.endswith('svg')
-        assert files['png'].startswith(b'\x89PNG')
         links = {value for e in root.iter() for key, value in e.attrib.items() if key.endswith('href')}
         assert all(link.startswith(('#', 'data:')) for link in links)
-        assert picture.files('svg')['svg'] == files['svg']
 
 
 @given(arrays.arrays(float, st.tuples(st.integers(1, 400), st.integers(1, 3)), elements=st.floats(-1e6, 1e6)))
@@ -41,37 +114,22 @@ def test_thinned_lines_keep_what_can_be_seen(values):
 
 
 def test_an_hour_at_1_kHz_makes_small_figures():
-    hour, timeline = motion(3_600_000, 0.001), plots.Timeline()
-    for picture in (
-        *plots.plot_recordings([hour], []),
-        plots.draw_residuals(residuals(3_600_000, 0.001, channels=1), timeline)[0],
-    ):
-        assert all(len(content) < 400_000 for content in picture.files('svg', 'png').values())
-        assert len(json.dumps(picture.content.data())) < 150_000
+    hour = motion(3_600_000, 0.001)
+    plot = TimePlot([Panel('q', 'rad', [hour.t], [Line('', [q], 'red') for q in hour.q.T])])
+    picture = plots.Picture('hour', plot)
+    assert all(len(content) < 400_000 for content in picture.files('svg', 'png').values())
+    assert len(json.dumps(plot.data())) < 150_000
 
 
 def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
     parts = [motion(name='a@0:3'), motion(name='b'), motion(name='a@3:', start=3.0)]
-    timeline = plots.Timeline.of(parts)
-    assert timeline.shifts == {'a': 0.0, 'b': pytest.approx(5.99)}
-    plot = plots.plot_recordings(parts[:2], parts[2:])[0].content
-    fitted = plots.plot_simulation(simulation(), timeline, validation=True)[0].content
-    torque = plots.draw_unexplained_torque(*unexplained_torque(), timeline)[0].content
-    for each in (plot, fitted, torque):
-        assert [span.begin for span in each.spans if span.begin == span.end] == [pytest.approx(5.99)]
-    assert plots.Timeline.of(parts[::2]).marks == []
-    within = [(s.begin, s.end) for s in plot.spans if s.label]
+    drawn = pictures(made(('weak',)), parts[:2], parts[2:])
+    for name in ('recordings', 'simulation', 'torque_left', 'residuals_weak'):
+        marks = [span.begin for span in drawn[name].content.spans if span.begin == span.end]
+        assert marks == [pytest.approx(5.99)], name
+    within = [(s.begin, s.end) for s in drawn['recordings'].content.spans if s.label]
     assert within == [(0, 2.99), (pytest.approx(5.99), pytest.approx(8.98)), (3, 5.99)]
-
-
-def test_simulations_that_are_lost_are_drawn_as_far_as_they_go():
-    states = np.zeros((201, 4, 3))
-    states[100:] = np.nan
-    states[80:100] = 1e300
-    (picture,) = plots.plot_simulation(simulation(simulated=states), plots.Timeline(), validation=True)
-    svg = picture.files('svg')['svg']
-    assert b'inf' not in svg
-    assert b'nan' not in svg
+    assert drawn['recordings'].about['recordings'] == ['a', 'b']
 
 
 def test_no_correlations_where_everything_lies_on_a_bound():
@@ -93,8 +151,8 @@ def test_pieces_are_one_line_with_gaps_where_time_always_ascends():
 
 def test_a_band_has_both_its_edges_on_the_page_and_in_the_static_figure():
     t = np.arange(3.0)
-    lines = [Line('a', [np.full(3, 1e-5)], 'red', style='band', upper=[np.full(3, 3e-5)])]
-    plot = TimePlot([Panel('a', 'kg m^2', [t], lines)])
+    band = Line('a', [np.full(3, 1e-5)], 'red', style='band', upper=[np.full(3, 3e-5)])
+    plot = TimePlot([Panel('a', 'kg m^2', [t], [band])])
     (panel,) = plot.data()['panels']
     assert panel['label'] == 'a [kg m²]'
     assert [panel['lines'][0][key][0] for key in ('y', 'upper')] == [1e-5, 3e-5]
