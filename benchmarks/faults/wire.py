@@ -3,12 +3,10 @@
 
 """Serial ports of one's own to misbehave on, an independent receiver, and damage from a seed."""
 
-import binascii
 import contextlib
 import os
 import pty
 import select
-import struct
 import threading
 import tty
 
@@ -44,45 +42,6 @@ def damage(frame, rng):
     else:
         data.insert(at, data[at])
     return bytes(data)
-
-
-class Receiver:
-    """The protocol's page read once more, byte by byte and as slowly as may be: what any host must hear."""
-
-    def __init__(self):
-        self.frame = bytearray()
-        self.damaged = 0
-        self.bodies = []
-
-    def feed(self, data):
-        """Take bytes; return the bodies of the good frames that end in them."""
-        before = len(self.bodies)
-        for byte in data:
-            if byte:
-                self.frame.append(byte)
-            elif self.frame:
-                body = self._body()
-                if body is None:
-                    self.damaged += 1
-                else:
-                    self.bodies.append(body)
-                self.frame.clear()
-        return self.bodies[before:]
-
-    def _body(self):
-        out, left = bytearray(), 0
-        for position, byte in enumerate(self.frame):
-            if left == 0:
-                if position:
-                    out.append(0)
-                left = byte - 1
-            else:
-                out.append(byte)
-                left -= 1
-        if left or len(out) < 12 or struct.unpack('<I', out[-4:])[0] != binascii.crc32(out[:-4]):
-            return None
-        right = {(1, 2): 34, (3, 2): 88}.get((out[0], out[1]))
-        return bytes(out[:-4]) if len(out) - 4 == right else None
 
 
 class Tap:
