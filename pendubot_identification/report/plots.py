@@ -70,10 +70,6 @@ class Picture(NamedTuple):
         return rendered(figure, endings, bbox_inches='tight')
 
 
-#: The subject of pictures, for messages, and the function that draws them.
-Wanted = tuple[str, Callable[[], list[Picture]]]
-
-
 @dataclass(frozen=True, slots=True)
 class Prepared:
     """A result and its recordings, with smoothed states and without the compensated effects.
@@ -118,7 +114,7 @@ class Prepared:
         motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
         return {title: predicted(predict(motions, theta, best.delay, self.scale)) for title, theta in vectors.items()}
 
-    def pictures(self) -> Iterator[Wanted]:
+    def pictures(self) -> Iterator[tuple[str, Callable[[], list[Picture]]]]:
         """Yield the subject of each picture of the recordings, and the function that draws it."""
         yield 'the data', self.data
         yield 'the unexplained torque', self.unexplained_torque
@@ -343,28 +339,6 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
         label = 'change' if changed else type(event).__name__.lower()
         spans.append(Span(begin, end, CHANGE if changed else VALIDATION, label))
     return Picture('track', TimePlot(panels, spans))
-
-
-@drawn
-def draw_correlation(result: Result) -> list[Picture]:
-    """Draw the correlation matrix of the selected estimate, if it has one."""
-    names = list(result.parameters)
-    matrix = np.array(result.criteria[result.criterion].correlation, dtype=float)
-    if not np.isfinite(matrix).any():
-        return []
-    few = len(names) < 11
-    figure, (axis,) = _panels(4.6, 1)
-    axis.imshow(matrix, cmap='RdBu_r', vmin=-1, vmax=1)
-    for row, column in np.argwhere(np.isfinite(matrix)):
-        value = matrix[row, column]
-        shown = f'{value:.2f}'.replace('0.', '.').replace('1.00', '1').replace('-.00', '.00')
-        colour = 'white' if abs(value) > 0.6 else 'black'
-        axis.text(column, row, shown, ha='center', va='center', fontsize=8 if few else 6, color=colour)
-    axis.set_xticks(range(len(names)), names)
-    axis.set_yticks(range(len(names)), names)
-    axis.tick_params(length=0, labelsize=8 if few else 7)
-    axis.grid(False)
-    return [Picture('correlation', figure)]
 
 
 def _panels(height: float, rows: int, columns: int = 1, **shared: Any) -> tuple[Figure, NDArray[Any]]:

@@ -21,8 +21,7 @@ def motion(samples=300, interval=0.01, name='swing', start=0.0):
 
 def pictures(result, training, validation=()):
     wanted = plots.Prepared.of(result, training, validation).pictures()
-    drawn = [*plots.draw_correlation(result), *(picture for _, draw in wanted for picture in draw())]
-    return {picture.name: picture for picture in drawn}
+    return {picture.name: picture for _, draw in wanted for picture in draw()}
 
 
 @functools.cache

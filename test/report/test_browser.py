@@ -179,7 +179,7 @@ def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(op
 def test_without_javascript_every_figure_stands_there(opened):
     page = opened(java_script_enabled=False)
     figures = page.locator('figure img').all()
-    assert len(figures) > 7
+    assert len(figures) > 6
     assert all(each.is_visible() for each in figures)
     assert not any(each.is_visible() for each in page.locator('.live').all())
 
@@ -333,8 +333,8 @@ def test_both_play_from_a_chosen_start(opened):
 
 def test_a_plot_over_time_and_a_figure_are_saved_as_SVG_and_PNG(opened):
     page = opened(accept_downloads=True)
-    assert page.locator('figure .save').count() == page.locator('figure').count() > 8
-    for name, panels in (('simulation', 6), ('correlation', 1)):
+    assert page.locator('figure .save').count() == page.locator('figure').count() > 6
+    for name, panels in (('simulation', 6), ('whiteness_likelihood', 2)):
         for kind in ('SVG', 'PNG'):
             with page.expect_download() as download:
                 page.locator(f'figure[data-name={name}] .save').get_by_text(kind).click()

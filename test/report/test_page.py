@@ -22,7 +22,6 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.report import rig
 from pendubot_identification.report.page import result_page, write_report
-from pendubot_identification.report.plots import draw_correlation
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.computation import identify_recordings
@@ -105,7 +104,7 @@ def test_every_number_in_a_table_is_one_of_the_result_file(options):
 def test_every_picture_is_shown_with_what_a_good_one_looks_like():
     text = result_page(typed(plain()), every_picture(), (typed(plain()), 'reference'))
     shown = text.split('<figure')[1:]
-    assert len(shown) == len(every_picture()) == 7
+    assert len(shown) == len(every_picture()) == 6
     for figure in shown:
         (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
         assert re.search(r'\b[Gg]ood\b', good)
@@ -127,7 +126,7 @@ def test_captions_follow_from_what_was_drawn():
 
 
 def test_nothing_comes_from_elsewhere():
-    text = result_page(typed(plain()), draw_correlation(typed(plain())), text='schema: 1')
+    text = result_page(typed(plain()), every_picture(), text='schema: 1')
     page = Page(text)
     assert {link.partition(',')[0] for link in page.links if link[0] != '#'} == {
         'data:',

@@ -21,8 +21,7 @@ from pendubot_identification.model.rollout import roll
 from pendubot_identification.report import plots
 from pendubot_identification.report.time_plot import Line, Panel, TimePlot, joined, thinned
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.identified import made, plain
-from test.identified import result as typed
+from test.identified import made
 from test.report.pictures import every_picture, motion, pictures, swing
 from test.virtual import recording
 
@@ -130,12 +129,6 @@ def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
     within = [(s.begin, s.end) for s in drawn['recordings'].content.spans if s.label]
     assert within == [(0, 2.99), (pytest.approx(5.99), pytest.approx(8.98)), (3, 5.99)]
     assert drawn['recordings'].about['recordings'] == ['a', 'b']
-
-
-def test_no_correlations_where_everything_lies_on_a_bound():
-    result = plain()
-    result['criteria'][result['criterion']]['correlation'] = [[None] * 7] * 7
-    assert plots.draw_correlation(typed(result)) == []
 
 
 def test_pieces_are_one_line_with_gaps_where_time_always_ascends():
