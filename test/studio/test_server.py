@@ -150,14 +150,10 @@ def test_python_repeats_the_checks_and_a_fit_starts_from_a_result_file(page, mot
 
 
 SENTENCES = {
-    'empty.csv': b'',
-    'text.csv': b'a,b\nx,y\n',
     'german.csv': b'Zeit;q1;q2;tau1\n' + b''.join(b'0,%02d;0,1;0,2;0,3\n' % k for k in range(99)),
-    'broken.mat': b'MATLAB',
     'broken.xlsx': b'PK',
     'cut.csv.gz': gzip.compress(b't,q1,q2,tau1\n' * 99)[:40],
     'broken.mcap': b'\x89MCAP0\r\n' + bytes(99),
-    'picture.png': b'\x89PNG',
 }
 
 
