@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 from pendubot_identification.paper.benchmark_functions import FUNCTIONS
 from pendubot_identification.paper.paper_tables import AVERAGE, TABLE_4
-from pendubot_identification.paper.trials import SETTINGS, TARGET, compete, ranks, seed_of
+from pendubot_identification.paper.trials import ALGORITHMS, TARGET, compete, ranks, seed_of
 
 
-@pytest.mark.parametrize('algorithm', SETTINGS)
+@pytest.mark.parametrize('algorithm', ALGORITHMS)
 def test_a_budget_is_the_same_for_everyone(algorithm):
     """A run ends with the generation in which it is spent."""
     result = compete(algorithm, FUNCTIONS[3], 10, runs=2, evaluations=3000)
