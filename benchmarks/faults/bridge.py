@@ -89,6 +89,24 @@ def is_numbered(q, effort):
 
 
 @contextlib.contextmanager
+def repeating(work, every):
+    """Do something again and again, every so often [s], in a thread."""
+    ended = threading.Event()
+
+    def repeat():
+        while not ended.wait(every):
+            work()
+
+    thread = threading.Thread(target=repeat)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@contextlib.contextmanager
 def commander(rng):
     """Arms the bridge, then sends random torques, 20 a second, so that something moves."""
     from std_msgs.msg import Float64
@@ -97,19 +115,8 @@ def commander(rng):
     with ros_node('fault_trial_commander') as node:
         publisher = node.create_publisher(Float64, '/pendubot/effort_command', 1)
         assert call(node, node.create_client(Trigger, '/bridge/arm'), Trigger.Request()).success
-        ended = threading.Event()
-
-        def command():
-            while not ended.wait(0.05):
-                publisher.publish(Float64(data=rng.uniform(-0.4, 0.4)))
-
-        thread = threading.Thread(target=command)
-        thread.start()
-        try:
+        with repeating(lambda: publisher.publish(Float64(data=rng.uniform(-0.4, 0.4))), 0.05):
             yield
-        finally:
-            ended.set()
-            thread.join()
 
 
 def stream(folder, seconds, wanted):
