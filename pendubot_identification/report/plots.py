@@ -237,10 +237,11 @@ class Prepared:
         return [Picture(f'residuals_{criterion}', plot, about), Picture(f'whiteness_{criterion}', figure, about)]
 
     def _residuals(self, answer: Answer) -> tuple[Sequence[str], str, float, list[Array], list[Array]]:
-        """Return the channels' names, their unit, and the times (N,) and residuals (N, C) of each recording.
+        """Return the residuals of an estimate; those of ``likelihood`` are normalized innovations every 0.05 s.
 
-        Before the times stands the distance [s] below which residuals share data, so that they are correlated with any
-        model. The residuals of ``likelihood`` are its normalized innovations every 0.05 s.
+        Returns:
+            The names of C channels; their unit; the distance in time [s] below which residuals share data, so that any
+            model correlates them; the times of each recording, shape (N,); its residuals, shape (N, C).
         """
         motions, asked = self.estimating, settings(self.result)
         if answer.criterion == 'likelihood':
