@@ -106,10 +106,10 @@ def predictions(recording):
     found = identify(halves[:1], halves[1:])
     best = found.best
     training, validation = (Motion.prepare(half, found.smoothing, best.effort.hold) for half in halves)
-    simulations = Simulations.of([validation], best.effort.delay, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
+    simulations = Simulations.of([validation], best.theta, best.effort.delay, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
     model = engine.MjModel.from_xml_string(mjcf(rig_of(Parameters.from_vector(best.theta))))
     data, states = engine.MjData(model), np.empty((max(simulations.at) + 1, 4, len(simulations.t)))
-    model.opt.timestep = prediction_error.STEP / 2
+    model.opt.timestep = prediction_error.STEP / simulations.substeps / 2
     for lane, start in enumerate(simulations.start.T):
         engine.mj_resetData(model, data)
         data.qpos, data.qvel = start[:2], start[2:]

@@ -35,15 +35,12 @@ def main():
     parser.add_argument('what', choices=TABLES)
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--strengths', nargs='+', default=measurements.STRENGTHS, choices=measurements.STRENGTHS)
-    parser.add_argument('--rates', nargs='+', type=int, default=(33, 200, 1000), help='of clean rigs [Hz]')
-    parser.add_argument('--counts', nargs='+', type=int, default=(500, 4096), help='of clean rigs, a turn')
-    parser.add_argument('--recordings', nargs='+', type=int, default=(1, 3), choices=(1, 2, 3), help='of clean rigs')
     parser.add_argument('--test', action='store_true', help='of real: fit all train recordings, score the test ones')
     parser.add_argument('--processes', type=int, default=1)
     args = parser.parse_args()
     jobs = {
         'real': lambda: measurements.real(args.test),
-        'clean': lambda: measurements.clean(args.seeds, args.rates, args.counts, args.recordings),
+        'clean': lambda: measurements.clean(args.seeds),
         'effects': lambda: measurements.imperfect(CATALOGUE, args.seeds, args.strengths),
         'unknown': lambda: measurements.imperfect(UNKNOWN, args.seeds, args.strengths),
         'pushes': lambda: measurements.pushed(args.seeds),

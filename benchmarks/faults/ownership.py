@@ -10,7 +10,6 @@ import contextlib
 import itertools
 import os
 import signal
-import threading
 import time
 from dataclasses import replace
 
@@ -20,7 +19,7 @@ from pendubot_identification.link.protocol import Arm, Command, Hello, Status, e
 from test.processes import Program, parameters, spin_until
 from test.rig import ARMED, PATIENT
 
-from .bridge import drive, live_rig, newest
+from .bridge import drive, live_rig, newest, repeating
 from .table import Trial
 from .wire import Tap
 
@@ -41,22 +40,9 @@ def tapped_rig(folder, *board_options, bridge=()):
             yield rig, tap
 
 
-@contextlib.contextmanager
 def stranger(tap, messages):
     """Another program on the port: it writes what ``messages()`` returns, 200 times a second."""
-    ended = threading.Event()
-
-    def write():
-        while not ended.wait(0.005):
-            tap.inject(*messages())
-
-    thread = threading.Thread(target=write)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
+    return repeating(lambda: tap.inject(*messages()), 0.005)
 
 
 def commands(rng):
@@ -117,15 +103,12 @@ def foreign(folder, long):
         drive(rig, OWN)
         rig.programs[-1].process.send_signal(signal.SIGSTOP)
         rig.until(lambda: not newest(rig.trace_file)[4] & ARMED)
-        begun = len(rig.trace())
-        with stranger(tap, commands(np.random.default_rng(2))):
-            spin_until(rig.node, lambda: len(rig.trace()) > begun + 300)
-        found['tripped'] = torques_since(rig, begun)
-        rig.programs[-1].kill()
-        begun = len(rig.trace())
-        with stranger(tap, commands(np.random.default_rng(3))):
-            spin_until(rig.node, lambda: len(rig.trace()) > begun + 300)
-        found['without a bridge'] = torques_since(rig, begun)
+        for seed, state in enumerate(('tripped', 'without a bridge'), 2):
+            begun = len(rig.trace())
+            with stranger(tap, commands(np.random.default_rng(seed))):
+                spin_until(rig.node, lambda begun=begun: len(rig.trace()) > begun + 300)
+            found[state] = torques_since(rig, begun)
+            rig.programs[-1].kill()
     own = round(MICRO * OWN)
     for state, given in found.items():
         allowed = {0, own} if state == 'armed' else {0}

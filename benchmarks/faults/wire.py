@@ -3,17 +3,14 @@
 
 """Serial ports of one's own to misbehave on, an independent receiver, and damage from a seed."""
 
-import binascii
 import contextlib
 import os
 import pty
 import select
-import struct
 import threading
-import time
 import tty
 
-from pendubot_identification.link.protocol import Arm, Command, Decoder, Hello, HelloRequest, Limits, State, encode
+from pendubot_identification.link.protocol import Decoder, Hello, Limits, State, encode
 
 #: Counts per turn, and the largest torque [micro-N m], of the board that is played here.
 CPR, LIMIT = 4000, 1_500_000
@@ -45,92 +42,6 @@ def damage(frame, rng):
     else:
         data.insert(at, data[at])
     return bytes(data)
-
-
-class Receiver:
-    """The protocol's page read once more, byte by byte and as slowly as may be: what any host must hear."""
-
-    def __init__(self):
-        self.frame = bytearray()
-        self.damaged = 0
-        self.bodies = []
-
-    def feed(self, data):
-        """Take bytes; return the bodies of the good frames that end in them."""
-        before = len(self.bodies)
-        for byte in data:
-            if byte:
-                self.frame.append(byte)
-            elif self.frame:
-                body = self._body()
-                if body is None:
-                    self.damaged += 1
-                else:
-                    self.bodies.append(body)
-                self.frame.clear()
-        return self.bodies[before:]
-
-    def _body(self):
-        out, left = bytearray(), 0
-        for position, byte in enumerate(self.frame):
-            if left == 0:
-                if position:
-                    out.append(0)
-                left = byte - 1
-            else:
-                out.append(byte)
-                left -= 1
-        if left or len(out) < 12 or struct.unpack('<I', out[-4:])[0] != binascii.crc32(out[:-4]):
-            return None
-        right = {(1, 2): 34, (3, 2): 88}.get((out[0], out[1]))
-        return bytes(out[:-4]) if len(out) - 4 == right else None
-
-
-class Line:
-    """A pty behind a link, and whether a host has asked there for HELLO."""
-
-    def __init__(self, link):
-        self.master, slave = pty.openpty()
-        tty.setraw(slave)
-        link.symlink_to(os.ttyname(slave))
-        os.close(slave)
-        self._asked, self._ended = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._listen, daemon=True)
-        self._thread.start()
-
-    def _listen(self):
-        decoder = Decoder(accept=(Command, HelloRequest, Arm))
-        while not self._ended.is_set():
-            if not select.select([self.master], [], [], 0.05)[0]:
-                continue
-            try:
-                data = os.read(self.master, 4096)
-            except OSError:
-                time.sleep(0.005)  # nobody there yet
-                continue
-            if any(isinstance(event, HelloRequest) for event in decoder.feed(data)):
-                self._asked.set()
-
-    def wait_for_request(self, timeout=20.0):
-        """Wait until the host has opened the port, and asks."""
-        assert self._asked.wait(timeout), 'no host asked for HELLO'
-        self._asked.clear()
-
-    def write(self, data):
-        while data:
-            data = data[os.write(self.master, data) :]
-
-    def play(self, first, count, hz=1000.0):
-        """Write numbered samples at a rate."""
-        begun = time.monotonic()
-        for n in range(count):
-            self.write(encode(numbered_state(first + n)))
-            time.sleep(max(0.0, begun + (n + 1) / hz - time.monotonic()))
-
-    def close(self):
-        self._ended.set()
-        self._thread.join()
-        os.close(self.master)
 
 
 class Tap:

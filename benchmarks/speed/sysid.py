@@ -29,7 +29,7 @@ from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.formats.masses import rig_of
 from pendubot_identification.formats.robots import mjcf
 from pendubot_identification.identification.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
-from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
 from test.real import recorded
@@ -135,7 +135,7 @@ def simulated(model, motions, scale):
     """Return the errors of a MuJoCo model's predictions, as identify.prediction has them."""
     data, errors = mujoco.MjData(model), []
     for horizon in HORIZONS[:ASSESSED]:
-        cut = Simulations.of(motions, 0.0, np.zeros(2), (horizon,), STRIDE)
+        cut = Simulations.of(motions, PAPER.vector(), 0.0, np.zeros(2), (horizon,), STRIDE)
         model.opt.timestep, last = OURS, []
         for start, tau in zip(cut.start.T, np.moveaxis(cut.tau, 2, 0), strict=True):
             data.qpos, data.qvel = start[:2], start[2:]

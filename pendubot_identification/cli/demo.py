@@ -160,9 +160,7 @@ def _identify(rclpy: Any, folder: Path) -> None:
         programs.wait(identifier, lambda: late.parameters != '', 'published nothing on /pendubot/params')
     result = read_complete_result(written)
     print(f'a subscriber that joined afterwards received /pendubot/params ({late.parameters}): {result.criterion}\n')
-    compared = tables.comparison_table(result, asdict(PAPER))
-    shown = [compared, tables.prediction_table(result), tables.criterion_table(result)]
-    print(*(table.text() for table in shown), tables.steps(result), tables.judgement(result), sep='\n\n')
+    print(tables.comparison_table(result, asdict(PAPER)).text(), tables.summary(result), sep='\n\n')
     print(
         f'\nThe first {PAPER_RIG.samples // 2} samples estimate, the others validate. Encoder counts and central '
         'differences\nmove the minimum of energy away from the truth; MDE finds that minimum exactly.\n'

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from tqdm import tqdm
 
 from pendubot_identification.identification.estimate import Progress
-from pendubot_identification.report.tables import J_sentence, own_warnings, parameter_table, remarks
+from pendubot_identification.report.tables import own_warnings, parameter_table, remarks
 from pendubot_identification.results.result import Result
 
 #: Widest text that is easy to read, in columns; most lines of a short text, including those about files.
@@ -83,7 +83,7 @@ def _sources(result: Result) -> list[str]:
 def _parameters(result: Result) -> list[str]:
     table = parameter_table(result)
     lines = table.text().splitlines()[: 1 + len(table.rows)]  # without notes
-    return [f'{result.model} model, by the criterion {result.criterion}', *lines, J_sentence(result)]
+    return [f'{result.model} model, by the criterion {result.criterion}', *lines]
 
 
 def _prediction(result: Result) -> list[str]:

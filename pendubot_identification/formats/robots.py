@@ -92,42 +92,35 @@ def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
 
 
 def urdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None, *, revolute: bool = False) -> str:
-    """Return the URDF of a rig, which RViz shows and simulators move.
+    """Return the URDF of a rig, which RViz shows and simulators move; a link without mass is for the eye alone.
 
     Joints are ``continuous`` or, with limits that are never reached, ``revolute``.
     """
-    p = rig.parameters
-    dynamics = [f'\n    <dynamics damping="{b!r}" friction="{F!r}"/>' for b, F in ((p.b1, p.Fc1), (p.b2, p.Fc2))]
-    if torque_limit is not None or revolute:
-        # A limit has to have a speed and an effort; 1000 limits nothing. The elbow has no motor.
-        travel = ' lower="-1000" upper="1000"' if revolute else ''
-        for k, effort in enumerate((1000.0, 1000.0) if torque_limit is None else (torque_limit, 0.0)):
-            dynamics[k] += f'\n    <limit{travel} effort="{effort!r}" velocity="1000"/>'
-    inertial = [
-        f"""
+    p, radius = rig.parameters, SLENDER * min(rig.first.length, rig.second.length)
+    efforts = (1000.0, 1000.0) if torque_limit is None else (torque_limit, 0.0)
+
+    def joint(name: str, parent: str, child: str, x: float, damping: float, friction: float, effort: float) -> str:
+        limit = ''
+        if torque_limit is not None or revolute:
+            # A limit has to have a speed and an effort; 1000 limits nothing. The elbow has no motor.
+            travel = ' lower="-1000" upper="1000"' if revolute else ''
+            limit = f'\n    <limit{travel} effort="{effort!r}" velocity="1000"/>'
+        return f"""\
+<joint name="{name}" type="{'revolute' if revolute else 'continuous'}">
+    <parent link="{parent}"/>
+    <child link="{child}"/>
+    <origin xyz="{x!r} 0 0" rpy="0 0 0"/>
+    <axis xyz="0 -1 0"/>
+    <dynamics damping="{damping!r}" friction="{friction!r}"/>{limit}
+  </joint>"""
+
+    def inertial(link: Link) -> str:
+        return f"""
     <inertial>
       <origin xyz="{link.centre!r} 0 0"/>
       <mass value="{link.mass!r}"/>
       <inertia ixx="{link.inertia!r}" iyy="{link.inertia!r}" izz="{link.inertia!r}" ixy="0" ixz="0" iyz="0"/>
     </inertial>"""
-        for link in (rig.first, rig.second)
-    ]
-    kind = 'revolute' if revolute else 'continuous'
-    return _urdf(rig.first.length, rig.second.length, comments, inertial, dynamics, kind)
-
-
-def drawn(l1: float, l2: float) -> str:
-    """Return a URDF for the eye alone, of links of these lengths [m]: it has no masses. May raise ParameterError."""
-    for name, length in (('l1', l1), ('l2', l2)):
-        if not 0 < length < math.inf:
-            raise ParameterError(f'the length {name} is {length:g} m; a number above 0 is expected')
-    return _urdf(l1, l2, ['a pendubot for the eye: it has no masses'], ['', ''], ['', ''])
-
-
-def _urdf(
-    l1: float, l2: float, comments: Iterable[str], inertial: list[str], dynamics: list[str], kind: str = 'continuous'
-) -> str:
-    radius = SLENDER * min(l1, l2)
 
     def cylinder(xyz: str, rpy: str, radius: float, length: float, material: str, colour: str) -> str:
         return f"""
@@ -137,16 +130,8 @@ def _urdf(
       <material name="{material}"><color rgba="{colour}"/></material>
     </visual>"""
 
-    def joint(name: str, parent: str, child: str, x: str, dynamics: str) -> str:
-        return f"""\
-<joint name="{name}" type="{kind}">
-    <parent link="{parent}"/>
-    <child link="{child}"/>
-    <origin xyz="{x} 0 0" rpy="0 0 0"/>
-    <axis xyz="0 -1 0"/>{dynamics}
-  </joint>"""
-
     along, across = '0 1.5707963267948966 0', '1.5707963267948966 0 0'
+    l1, l2 = rig.first.length, rig.second.length
     base = cylinder(f'0 {3.2 * radius:.6g} 0', across, 2 * radius, 4 * radius, 'steel', STEEL)
     first = cylinder(f'{l1 / 2!r} 0 0', along, radius, l1, 'blue', BLUE)
     # Link 2 moves in front of link 1, so that it can go round.
@@ -156,11 +141,11 @@ def _urdf(
 {_comment(comments)}<robot name="pendubot">
   <link name="base_link">{base}
   </link>
-  {joint('shoulder', 'base_link', 'link_1', '0', dynamics[0])}
-  <link name="link_1">{inertial[0]}{first}
+  {joint('shoulder', 'base_link', 'link_1', 0.0, p.b1, p.Fc1, efforts[0])}
+  <link name="link_1">{inertial(rig.first) if rig.first.mass else ''}{first}
   </link>
-  {joint('elbow', 'link_1', 'link_2', repr(l1), dynamics[1])}
-  <link name="link_2">{inertial[1]}{second}
+  {joint('elbow', 'link_1', 'link_2', l1, p.b2, p.Fc2, efforts[1])}
+  <link name="link_2">{inertial(rig.second) if rig.second.mass else ''}{second}
   </link>
   <joint name="tip_joint" type="fixed">
     <parent link="link_2"/>
@@ -170,6 +155,15 @@ def _urdf(
   <link name="tip"/>
 </robot>
 """
+
+
+def drawn(l1: float, l2: float) -> str:
+    """Return a URDF for the eye alone, of links of these lengths [m]: it has no masses. May raise ParameterError."""
+    for name, length in (('l1', l1), ('l2', l2)):
+        if not 0 < length < math.inf:
+            raise ParameterError(f'the length {name} is {length:g} m; a number above 0 is expected')
+    first, second = (Link(length, 0.0, 0.0, 0.0) for length in (l1, l2))
+    return urdf(Rig(first, second, Parameters(*[0.0] * 7), ()), ['a pendubot for the eye: it has no masses'])
 
 
 def _comment(lines: Iterable[str]) -> str:

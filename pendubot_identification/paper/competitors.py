@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,8 @@ Array = NDArray[np.float64]
 #: values of Table 3 are Pedersen's for 10 dimensions and 20 000 function values (Good parameters for differential
 #: evolution, HL1002, 2010).
 CLASSIC = MDESettings(18, 4000, 0.0, weight=(0.6714,) * 2, crossover=(0.5026,) * 2, per_component=False)
+#: PSO's parameters there are Pedersen's for 20 dimensions and 400 000 function values: particles, w, c1, c2.
+PARTICLES, W, C1, C2 = 149, -0.3236, -0.1136, 3.9789
 
 
 def hde(
@@ -64,42 +65,33 @@ def hde(
     return run_generations(step, start, settings.generations, target=settings.target, per_generation=each)
 
 
-@dataclass(frozen=True, slots=True)
-class PSOSettings:
-    """Table 3 of the paper: Pedersen's parameters for 20 dimensions and 400 000 function values.
-
-    In the notation of :func:`pso`: inertia w, personal c1, social c2. A run stops at a value not above the target, or
-    with the generation in which it reaches the number of function evaluations.
-    """
-
-    particles: int = 149
-    inertia: float = -0.3236
-    personal: float = -0.1136
-    social: float = 3.9789
-    evaluations: int = 4000
-    target: float | None = None
-
-
 def pso(
-    objective: Objective, bounds: Bounds, settings: PSOSettings | None = None, *, runs: int = 10, seed: int = 1
+    objective: Objective,
+    bounds: Bounds,
+    *,
+    particles: int = PARTICLES,
+    evaluations: int = 4000,
+    target: float | None = None,
+    runs: int = 10,
+    seed: int = 1,
 ) -> OptimizationResult:
     """Minimise by particle swarm optimisation, global best, in the form of SwarmOps.
 
         v <- w v + c1 r1 (own best - x) + c2 r2 (swarm's best - x),    x <- x + v
 
     r1 and r2 are drawn once a particle. Velocities are limited to the width of the box, positions to the box. All
-    particles move, then all are evaluated. Pedersen, Good parameters for particle swarm optimization, HL1001, 2010.
-    Arguments are those of :func:`.mde.mde`.
+    particles move, then all are evaluated. Pedersen, Good parameters for particle swarm optimization, HL1001, 2010. A
+    run stops at a value not above the target, or with the generation in which it reaches the number of function
+    evaluations. The other arguments are those of :func:`.mde.mde`.
     """
-    settings = settings or PSOSettings()
-    rng, x = random_points(bounds, runs, settings.particles, seed)
+    rng, x = random_points(bounds, runs, particles, seed)
     lower, upper = columns(bounds)
     width = upper - lower
 
     def step(best: Array, values: Array, x: Array, v: Array) -> State:
         r1, r2 = rng.random((2, *values.shape))
         leader = best_points(best, values)[..., None]
-        v = settings.inertia * v + settings.personal * r1 * (best - x) + settings.social * r2 * (leader - x)
+        v = W * v + C1 * r1 * (best - x) + C2 * r2 * (leader - x)
         v = np.clip(v, -width, width)
         x = np.clip(x + v, lower, upper)
         offered = evaluate(objective, x)
@@ -107,6 +99,4 @@ def pso(
         return np.where(better, x, best), np.where(better, offered, values), x, v
 
     start = x, evaluate(objective, x), x, rng.uniform(-width, width, x.shape)
-    return run_generations(
-        step, start, math.ceil(settings.evaluations / settings.particles) - 1, target=settings.target
-    )
+    return run_generations(step, start, math.ceil(evaluations / particles) - 1, target=target)

@@ -19,7 +19,7 @@ from pendubot_identification.optimizers.mde import MDESettings, mde
 from pendubot_identification.optimizers.optimizer import MOST_VECTORS, Objective, OptimizationResult
 
 from .benchmark_functions import FUNCTIONS, BenchmarkFunction
-from .competitors import CLASSIC, PSOSettings, hde, pso
+from .competitors import CLASSIC, PARTICLES, hde, pso
 
 Array = NDArray[np.float64]
 
@@ -31,9 +31,8 @@ DIMENSION = 2
 ALGORITHMS = ('PSO', 'DE', 'HDE', 'MDE')
 #: MDE with the operator drawn once a vector, as in the text of the paper.
 PER_VECTOR = 'MDE per vector'
-#: Table 3; see competitors.py for PSO, DE and HDE.
-SETTINGS: dict[str, PSOSettings | MDESettings] = {
-    'PSO': PSOSettings(target=TARGET),
+#: Table 3 but for PSO; see competitors.py for that, DE and HDE.
+SETTINGS = {
     'DE': replace(CLASSIC, target=TARGET),
     'HDE': replace(CLASSIC, target=TARGET),
     'MDE': MDESettings(population=50, generations=4000, target=TARGET),
@@ -44,7 +43,7 @@ HDE_RATE = 0.01
 #: Runs for the success rate of an algorithm, for each run of the paper's tables.
 MANY = 10
 #: Largest number of runs of a table, which the memory limits.
-MOST_RUNS = MOST_VECTORS // (MANY * PSOSettings().particles)
+MOST_RUNS = MOST_VECTORS // (MANY * PARTICLES)
 #: Runs of the sweep for each run of a table, and most generations of one; runs that reach the target take 200.
 SWEEP, SWEEP_GENERATIONS = 5, 400
 THRESHOLDS = tuple(k / 10 for k in range(11))
@@ -64,9 +63,10 @@ def compete(
     Each run ends with the generation in which it reaches a number of function ``evaluations``, or by default at the
     limits of the paper.
     """
-    f, bounds, how = function.value, function.bounds(n), SETTINGS[algorithm]
-    if isinstance(how, PSOSettings):
-        return pso(f, bounds, replace(how, evaluations=evaluations or how.evaluations), runs=runs, seed=seed)
+    f, bounds = function.value, function.bounds(n)
+    if algorithm == 'PSO':
+        return pso(f, bounds, evaluations=evaluations or 4000, target=TARGET, runs=runs, seed=seed)
+    how = SETTINGS[algorithm]
     if evaluations is not None:
         each = how.population + (algorithm == 'HDE')
         how = replace(how, generations=max(1, math.ceil((evaluations - how.population) / each)))
@@ -104,7 +104,7 @@ def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
     """Run the same experiment in more dimensions, with equal budgets of function values."""
     for n in DIMENSIONS:
         for f in FUNCTIONS:
-            for algorithm in SETTINGS:
+            for algorithm in (*ALGORITHMS, PER_VECTOR):
                 own = seed_of(seed, 'dimensions', n, f.name, algorithm)
                 result = compete(algorithm, f, n, runs=runs, seed=own, evaluations=BUDGET * n)
                 yield Outcome(f.name, n, algorithm, None, result)

@@ -152,11 +152,11 @@
     const k1 = rate(x), k2 = rate(after(h / 2, k1)), k3 = rate(after(h / 2, k2)), k4 = rate(after(h, k3));
     return x.map((each, j) => each + h / 6 * (k1[j] + 2 * (k2[j] + k3[j]) + k4[j]));
   }
-  // The states of all steps from x on.
-  function simulate(p, x, [tau1, tau2], h, first = 0, steps = tau1.length) {
+  // The states of all steps from x on, each of which is divided where friction is stiff.
+  function simulate(p, x, [tau1, tau2], h, substeps = 1, first = 0, steps = tau1.length) {
     const states = [x];
     for (let k = first; k < first + steps; k += 1) {
-      x = advance(p, x, tau1[k], tau2[k], h);
+      for (let part = 0; part < substeps; part += 1) x = advance(p, x, tau1[k], tau2[k], h / substeps);
       states.push(x);
     }
     return states;
@@ -164,7 +164,7 @@
 
   // The measured motion of a plot, and its simulation from a chosen start, again and again every so many steps.
   function addSimulation(plot) {
-    const { first, step, states, tau, scale, every } = plot.live, last = states[0].length - 1;
+    const { first, step, substeps, states, tau, scale, every } = plot.live, last = states[0].length - 1;
     const t = states[0].map((_, k) => first + k * step);
     const errors = plot.panels.slice(4).flatMap(({ lines }) => lines);
     for (const panel of plot.panels) {
@@ -185,7 +185,7 @@
       for (let begin = live.start, steps; begin < last; begin += steps) {
         steps = Math.min(live.every, last - begin);
         const shown = begin + steps < last ? steps - 2 : steps; // a gap before the next simulation
-        simulate(live.p, measured[begin], tau, step, begin, steps).forEach((x, k) => {
+        simulate(live.p, measured[begin], tau, step, substeps, begin, steps).forEach((x, k) => {
           if (x.every(Number.isFinite)) live.simulated[begin + k] = x;
           drawn.forEach(({ simulated, dots, error, far }, j) => {
             const off = x[j] - states[j][begin + k];

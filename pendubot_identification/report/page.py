@@ -42,15 +42,10 @@ def result_page(
     compared: Mapping[str, Predicted] | None = None,
     text: str = '',
 ) -> str:
-    """Return the page of a result.
+    """Return the page of a result with its pictures, and another result ``beside`` it.
 
-    Args:
-        result: of an identification.
-        pictures: of the result and its recordings.
-        beside: another result to be shown beside it.
-        notes: why a picture is missing.
-        compared: by name, the predictions of the other result and of this one.
-        text: of the result file, which the page offers for download.
+    ``notes`` say why a picture is missing; ``compared`` are the predictions of both results by name; ``text`` is that
+    of the result file, which the page offers for download.
     """
     if result.uncorrected:
         compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
@@ -60,18 +55,19 @@ def result_page(
         'parameters.tex': tables.parameter_table(result).latex(),
         **({'result.yaml': text} if text else {}),
     }
-    shown = {
-        'result': result,
-        'tables': tables,
-        'beside': beside,
-        'notes': notes,
-        'compared': compared or {},
-        'downloads': {name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
-        'rig': model,
-        'acceleration': Markup(javascript(len(model['names']))),
-        'command': rig.command(result),
-    }
-    return render('page.html.jinja', pictures, **shown)
+    return render(
+        'page.html.jinja',
+        pictures,
+        result=result,
+        tables=tables,
+        beside=beside,
+        notes=notes,
+        compared=compared or {},
+        downloads={name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
+        rig=model,
+        acceleration=Markup(javascript(len(model['names']))),
+        command=rig.command(result),
+    )
 
 
 def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
@@ -143,7 +139,7 @@ def write_report(
         ResultError: the system refuses to write.
     """
     prepared = Prepared.of(result, *motions) if motions else None
-    wanted = [*plots.of_result(result), *(prepared.pictures() if prepared else [])]
+    wanted = [*prepared.pictures()] if prepared else []
     pictures: list[Picture] = []
     missing = []
     for k, (subject, draw) in enumerate(wanted):

@@ -7,33 +7,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.signal import correlate
 from scipy.stats import binned_statistic
 
-from pendubot_identification.criteria.prediction_error import STEP
-from pendubot_identification.identification.catalogue import compensated
-from pendubot_identification.identification.prediction import predict, state_scale
+from pendubot_identification.criteria.prediction_error import STEP, Simulations
+from pendubot_identification.criteria.weak import WIDTH, weak_regression
+from pendubot_identification.identification.catalogue import FoundEffect, catalogue, compensated
+from pendubot_identification.identification.fitting import standardised_innovations
+from pendubot_identification.identification.linear import linear
+from pendubot_identification.identification.prediction import HORIZONS, LOST, predict, state_scale
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.results.assemble import predicted
 from pendubot_identification.results.provenance import Answer, answers, hold, settings
-from pendubot_identification.results.result import Convergence, PartialResult, Predicted, Result
+from pendubot_identification.results.result import PartialResult, Predicted, Result
 from pendubot_identification.tracking.events import Change, Event, State
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from . import figure_data
-from .figure_data import Array, Parts, Residuals, Simulation
-from .style import GREY, SMALL, WIDTH, rendered, style
+from .style import GREY, SMALL, rendered, style
 from .time_plot import Line, Panel, Span, TimePlot, thinned
 
+Array = NDArray[np.float64]
 #: The motions that estimate, and those that validate.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
 MEASURED, SIMULATED = '#1a1a1a', '#d55e00'
@@ -42,18 +46,22 @@ ESTIMATION, VALIDATION, CHANGE = '#56b4e92e', '#e69f002e', '#d55e002e'
 #: Colours that can be told apart by everyone (Okabe and Ito).
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7')
 STATES = (('q1', 'rad'), ('q2', 'rad'), ("q1'", 'rad/s'), ("q2'", 'rad/s'))
+JOINTS = ('shoulder', 'elbow')
+#: Width of a static figure [inch]: a column on a screen, and legible on a telephone.
+COLUMN = 5.2
+#: Longest duration of a simulation, the longest horizon of the predictions, and of the part that is shown [s].
+AHEAD, SHOWN = HORIZONS[-1], 10.0
 #: Number of bins for means of unexplained torque; torques above OUTLYING times their median are left out.
 BINS, OUTLYING = 24, 8.0
 drawn = style(SMALL)
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(NamedTuple):
     """A plot over time or a static figure; ``about`` is what its caption in ``page.html.jinja`` depends on."""
 
     name: str
     content: TimePlot | Figure
-    about: Mapping[str, Any] = field(default_factory=dict)
+    about: Mapping[str, Any] = MappingProxyType({})
 
     @style(SMALL)
     def files(self, *endings: str) -> dict[str, bytes]:
@@ -62,145 +70,253 @@ class Picture:
         return rendered(figure, endings, bbox_inches='tight')
 
 
-#: The subject of pictures, for messages, and the function that draws them.
-Wanted = tuple[str, Callable[[], list[Picture]]]
-
-
 @dataclass(frozen=True, slots=True)
-class Timeline:
-    """Recordings one after the other: what to add to the times [s] of each, and a mark where each begins."""
+class Prepared:
+    """A result and its recordings, with smoothed states and without the compensated effects.
 
-    shifts: Mapping[str, float] = field(default_factory=dict)
-    marks: Sequence[Span] = ()
+    Attributes:
+        recorded: one recording after the other in time; parts of one keep their distance.
+        marks: where a recording begins behind another one.
+        scale: standard deviations of the states, the unit of prediction errors, shape (4,).
+    """
+
+    result: Result
+    recorded: Recordings
+    marks: Sequence[Span]
+    estimating: Sequence[Motion]
+    validating: Sequence[Motion]
+    scale: Array
 
     @classmethod
-    def of(cls, motions: Sequence[Trajectory]) -> Timeline:
-        """Return the places of these motions; parts of one recording keep their distance in time."""
-        spans: dict[str, list[float]] = {}
-        for motion in motions:
-            spans.setdefault(_recording(motion.name), []).extend((float(motion.t[0]), float(motion.t[-1])))
-        shifts: dict[str, float] = {}
-        marks: list[Span] = []
-        end = None
-        for name, times in spans.items():
-            shifts[name] = 0.0 if end is None else end - min(times)
-            if end is not None:
-                marks.append(Span(end, end, GREY))
-            end = max(times) + shifts[name]
-        return cls(shifts, marks)
-
-    def times(self, parts: Parts) -> list[Array]:
-        """Return the times [s] of each recording, or part of one, in its place."""
-        return [t + self.shifts.get(_recording(name), 0.0) for name, t, _ in parts]
-
-
-def _recording(name: str) -> str:
-    """Return the recording of a part with the name ``BAG@START:END``."""
-    return name.rpartition('@')[0] or name
-
-
-def plot_recordings(training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> list[Picture]:
-    """Plot the torques and both angles, and which part estimates and which validates."""
-    motions = [*training, *validation]
-    timeline = Timeline.of(motions)
-    times = timeline.times([(motion.name, motion.t, motion.q) for motion in motions])
-    driven = any(motion.tau[:, 1].any() for motion in motions)
-    torques = [
-        Line(('shoulder', 'elbow')[k] if driven else '', [m.tau[:, k] for m in motions], colour, 0.8, 'steps')
-        for k, colour in enumerate((MEASURED, COLOURS[0])[: 1 + driven])
-    ]
-    panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', times, torques)]
-    panels += [Panel(f'q{k + 1}', 'rad', times, [Line('', [m.q[:, k] for m in motions], MEASURED)]) for k in (0, 1)]
-    kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
-    spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
-    about = {'driven': driven, 'recordings': list(timeline.shifts)}
-    return [Picture('recordings', TimePlot(panels, [*spans, *timeline.marks]), about)]
-
-
-def plot_simulation(simulation: Simulation, timeline: Timeline, *, validation: bool) -> list[Picture]:
-    """Plot measured states, states simulated from measured ones on, and their difference."""
-    t = timeline.times([(simulation.name, simulation.t, simulation.measured)])
-    pieces = simulation.simulated
-    size, _, count = pieces.shape
-    paths = np.moveaxis(pieces[:-1], 0, 2)
-    starts = np.append(np.arange(count * (size - 1)) % (size - 1) == 0, False)
-    panels, errors = [], []
-    for k, (name, unit) in enumerate(STATES):
-        measured, y = simulation.measured[k], np.append(paths[k], pieces[-1, k, -1])
-        middle, reach = (measured.max() + measured.min()) / 2, 0.75 * np.ptp(measured) + 1e-3
-        # Before each start there is a gap, and a state far outside the plot would only make its lines long.
-        y[(np.abs(y - middle) > 20 * reach) | np.append(starts[1:], False)] = np.nan
-        lines = [
-            Line('measured', [measured], MEASURED, 1.6),
-            Line('simulated', [y], SIMULATED),
-            Line('', [np.where(starts, measured, np.nan)], SIMULATED, style='dots'),
+    def of(cls, result: Result, training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Prepared:
+        """Prepare the recordings as the identification did."""
+        recorded, marks = _one_after_the_other([*training, *validation])
+        motions = [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded]
+        size, delay = len(training), answers(result)[result.criterion].delay
+        known = {(effect.name, effect.where): effect for effect in catalogue(motions[:size], delay)}
+        effects = [
+            FoundEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
+            for e in result.effects
+            if e.accepted and (e.name, e.where) in known
         ]
-        panels.append(Panel(name, unit, t, lines, (middle - reach, middle + reach)))
-        errors.append(Line(name, [y - measured], COLOURS[k % 2]))
-    panels += [Panel('error', 'rad', t, errors[:2]), Panel('error', 'rad/s', t, errors[2:])]
-    about = {
-        'validation': validation,
-        'ahead': simulation.ahead,
-        'part': '' if simulation.complete else simulation.name,
-    }
-    live = {
-        'first': round(float(t[0][0]), 9),
-        'step': STEP,
-        'every': size - 1,
-        'states': [[float(f'{x:.7g}') for x in state] for state in simulation.measured.tolist()],
-        'tau': [[float(f'{x:.5g}') for x in torque] for torque in simulation.tau.tolist()],
-        'scale': simulation.scale.tolist(),
-    }
-    return [Picture('simulation', TimePlot(panels, timeline.marks, live), about)]
+        acting = [compensated(motion, effects, delay) for motion in motions]
+        split = recorded[:size], recorded[size:]
+        return cls(result, split, marks, acting[:size], acting[size:], state_scale(motions[:size]))
+
+    @property
+    def best(self) -> Answer:
+        """The selected estimate."""
+        return answers(self.result)[self.result.criterion]
+
+    def compared(self, beside: tuple[PartialResult, str]) -> dict[str, Predicted]:
+        """Return how well another result, and this one, predict the validation data or, without any, all data."""
+        best, (other, name) = self.best, beside
+        motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
+        return {title: predicted(predict(motions, theta, best.delay, self.scale)) for title, theta in vectors.items()}
+
+    def pictures(self) -> Iterator[tuple[str, Callable[[], list[Picture]]]]:
+        """Yield the subject of each picture of the recordings, and the function that draws it."""
+        yield 'the data', self.data
+        yield 'the unexplained torque', self.unexplained_torque
+        yield 'the simulation', self.simulation
+        yield from ((f'the residuals of {name}', partial(self.residuals, name)) for name in self.result.criteria)
+
+    def data(self) -> list[Picture]:
+        """Plot the torques and both angles, and which part estimates and which validates."""
+        training, validation = self.recorded
+        motions = [*training, *validation]
+        times = [motion.t for motion in motions]
+        driven = any(motion.tau[:, 1].any() for motion in motions)
+        torques = [
+            Line(JOINTS[k] if driven else '', [m.tau[:, k] for m in motions], colour, 0.8, 'steps')
+            for k, colour in enumerate((MEASURED, COLOURS[0])[: 1 + driven])
+        ]
+        panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', times, torques)]
+        panels += [Panel(f'q{k + 1}', 'rad', times, [Line('', [m.q[:, k] for m in motions], MEASURED)]) for k in (0, 1)]
+        kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
+        spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
+        about = {'driven': driven, 'recordings': list(dict.fromkeys(_recording(motion) for motion in motions))}
+        return [Picture('recordings', TimePlot(panels, [*spans, *self.marks]), about)]
+
+    def simulation(self) -> list[Picture]:
+        """Plot the states of the worst predicted part, those simulated from measured ones on, and their difference.
+
+        Raises:
+            TrajectoryError: the recordings are too short to be simulated.
+        """
+        motions = self.validating or self.estimating
+        motion, t, pieces, substeps, complete = _worst_part(motions, self.best, self.scale)
+        measured, steps = motion.states(t), len(pieces) - 1
+        tau = motion.torques(t[:1] - self.best.delay, STEP, len(t) - 1)[:, :, 0]
+        # The states of each simulation but for its last one, which the start of the next replaces.
+        states = np.column_stack([np.moveaxis(pieces[:-1], 0, 2).reshape(4, -1), pieces[-1, :, -1]])
+        starts = np.append(np.arange(len(t) - 1) % steps == 0, False)
+        panels, errors = [], []
+        for k, (name, unit) in enumerate(STATES):
+            y = states[k]
+            middle, reach = (measured[k].max() + measured[k].min()) / 2, 0.75 * np.ptp(measured[k]) + 1e-3
+            # Before each start there is a gap, and a state far outside the plot would only make its lines long.
+            y[(np.abs(y - middle) > 20 * reach) | np.append(starts[1:], False)] = np.nan
+            lines = [
+                Line('measured', [measured[k]], MEASURED, 1.6),
+                Line('simulated', [y], SIMULATED),
+                Line('', [np.where(starts, measured[k], np.nan)], SIMULATED, style='dots'),
+            ]
+            panels.append(Panel(name, unit, [t], lines, (middle - reach, middle + reach)))
+            errors.append(Line(name, [y - measured[k]], COLOURS[k % 2]))
+        panels += [Panel('error', 'rad', [t], errors[:2]), Panel('error', 'rad/s', [t], errors[2:])]
+        part = '' if complete else motion.name
+        about = {'validation': bool(self.validating), 'ahead': steps * STEP, 'part': part}
+        live = {
+            'first': round(float(t[0]), 9),
+            'step': STEP,
+            'substeps': substeps,
+            'every': steps,
+            'states': [[float(f'{x:.7g}') for x in state] for state in measured.tolist()],
+            'tau': [[float(f'{x:.5g}') for x in torque] for torque in tau.tolist()],
+            'scale': self.scale.tolist(),
+        }
+        return [Picture('simulation', TimePlot(panels, self.marks, live), about)]
+
+    @drawn
+    def unexplained_torque(self) -> list[Picture]:
+        """Plot the weak-form residuals of both joints, and draw their means against angle, speed and torque.
+
+        Raises:
+            TrajectoryError: a recording is shorter than a test function.
+        """
+        best, motions = self.best, self.estimating
+        made = [weak_regression(m, best.model, best.delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
+        times = [r.t[::3] for r in made]
+        parts = [(r.y - r.phi @ best.theta).reshape(-1, 3)[:, :2] for r in made]
+        states = np.concatenate([m.states(t) for m, t in zip(motions, times, strict=True)], axis=1)
+        tau = np.concatenate([m.impulse(t - best.delay, 1) for m, t in zip(motions, times, strict=True)])
+        against = {'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]}
+        torque, panels = np.concatenate(parts), []
+        figure, axes = _panels(2.6, 2, len(against), sharey='row')
+        usual = np.abs(torque) < OUTLYING * np.median(np.abs(torque), axis=0) + np.finfo(float).tiny
+        for k, (joint, row) in enumerate(zip(JOINTS, axes.reshape(2, -1), strict=True)):
+            panels.append(Panel(joint, 'N m', times, [Line('', [part[:, k] for part in parts], COLOURS[k], 0.7)]))
+            row[0].set_ylabel(f'{joint}\n[N m]')
+            for axis, (name, values) in zip(row, against.items(), strict=True):
+                x = values[usual[:, k], k]
+                edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
+                if len(edges) > 2:
+                    means = binned_statistic(x, torque[usual[:, k], k], bins=edges).statistic
+                    axis.plot((edges[1:] + edges[:-1]) / 2, means, color=COLOURS[k])
+                    axis.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
+                if k == 1:
+                    axis.set_xlabel(name)
+        return [Picture('torque_left', TimePlot(panels, self.marks)), Picture('torque_means', figure)]
+
+    @drawn
+    def residuals(self, criterion: str) -> list[Picture]:
+        """Plot the residuals of a criterion on training data, and draw their autocorrelation and histogram.
+
+        Raises:
+            TrajectoryError: the recordings are too short.
+        """
+        names, unit, overlap, times, parts = self._residuals(answers(self.result)[criterion])
+        lines = [Line(name, [y[:, k] for y in parts], COLOURS[k], 0.7) for k, name in enumerate(names)]
+        plot = TimePlot([Panel('', unit, times, lines)], self.marks)
+        everything = np.concatenate(parts)
+        sizes, bins = np.sqrt((everything**2).mean(axis=0)), np.linspace(-4, 4, 41)
+        lags, values = _autocorrelation(times, parts)
+        band = NORMAL_95 / math.sqrt(len(everything))  # of white residuals, 95 % lie within
+        figure, (correlation, histogram) = _panels(2.2, 1, 2)
+        shown = 1 + thinned(values[1:])
+        for k in range(len(names)):
+            correlation.plot(lags[shown], values[shown, k], color=COLOURS[k])
+            counts, _ = np.histogram(everything[:, k] / (sizes[k] or 1.0), bins, density=True)
+            histogram.stairs(counts, bins, color=COLOURS[k])
+        histogram.plot(bins, np.exp(-(bins**2) / 2) / np.sqrt(2 * np.pi), color=MEASURED, linestyle=':')
+        correlation.axhspan(-band, band, color='#bbbbbb', alpha=0.6, linewidth=0)
+        correlation.axvspan(0, min(overlap, lags[-1]), color='#eeeeee', zorder=0, linewidth=0)
+        correlation.set(xlim=(0, lags[-1]), ylim=(-1.05, 1.05), xlabel='lag [s]', title='autocorrelation')
+        histogram.set(xlabel='in its root mean square', title='histogram', yticks=[])
+        about = {'cumulative': math.isinf(overlap)}
+        return [Picture(f'residuals_{criterion}', plot, about), Picture(f'whiteness_{criterion}', figure, about)]
+
+    def _residuals(self, answer: Answer) -> tuple[Sequence[str], str, float, list[Array], list[Array]]:
+        """Return the residuals of an estimate; those of ``likelihood`` are normalized innovations every 0.05 s.
+
+        Returns:
+            The names of C channels; their unit; the distance in time [s] below which residuals share data, so that any
+            model correlates them; the times of each recording, shape (N,); its residuals, shape (N, C).
+        """
+        motions, asked = self.estimating, settings(self.result)
+        if answer.criterion == 'likelihood':
+            t, z = standardised_innovations(motions, answer.theta, answer.delay, asked)
+            return ('q1', 'q2'), 'standard deviations', 0.0, t, z
+        names: tuple[str, ...] = (*JOINTS, 'energy')
+        unit, overlap = 'N m', WIDTH
+        if answer.criterion == 'energy':
+            names, unit, overlap = ('energy',), 'J', asked.sliding or math.inf
+        made = linear(answer.criterion, motions, answer.model, asked).residuals
+        parts = [(r.y - r.phi @ answer.theta).reshape(-1, len(names)) for r in made]
+        return names, unit, overlap, [r.t[:: len(names)] for r in made], parts
 
 
-@drawn
-def draw_residuals(residuals: Residuals, timeline: Timeline) -> list[Picture]:
-    """Plot the residuals of a criterion, and draw their autocorrelation and histogram."""
-    lines = [
-        Line(channel, [y[:, k] for _, _, y in residuals.parts], COLOURS[k], 0.7)
-        for k, channel in enumerate(residuals.names)
-    ]
-    plot = TimePlot([Panel('', residuals.unit, timeline.times(residuals.parts), lines)], timeline.marks)
-    everything = np.concatenate([values for _, _, values in residuals.parts])
-    sizes, bins = np.sqrt((everything**2).mean(axis=0)), np.linspace(-4, 4, 41)
-    figure, (correlation, histogram) = _panels(2.2, 1, 2)
-    shown = 1 + thinned(residuals.autocorrelation[1:])
-    for k in range(len(residuals.names)):
-        correlation.plot(residuals.lags[shown], residuals.autocorrelation[shown, k], color=COLOURS[k])
-        counts, _ = np.histogram(everything[:, k] / (sizes[k] or 1.0), bins, density=True)
-        histogram.stairs(counts, bins, color=COLOURS[k])
-    histogram.plot(bins, np.exp(-(bins**2) / 2) / np.sqrt(2 * np.pi), color=MEASURED, linestyle=':')
-    correlation.axhspan(-residuals.band, residuals.band, color='#bbbbbb', alpha=0.6, linewidth=0)
-    correlation.axvspan(0, min(residuals.overlap, residuals.lags[-1]), color='#eeeeee', zorder=0, linewidth=0)
-    correlation.set(xlim=(0, residuals.lags[-1]), ylim=(-1.05, 1.05), xlabel='lag [s]', title='autocorrelation')
-    histogram.set(xlabel='in its root mean square', title='histogram', yticks=[])
-    pictures: dict[str, TimePlot | Figure] = {'residuals': plot, 'whiteness': figure}
-    about = {'cumulative': bool(np.isinf(residuals.overlap))}
-    return [Picture(f'{name}_{residuals.criterion}', content, about) for name, content in pictures.items()]
+def _recording(motion: Trajectory) -> str:
+    """Return the recording of a part with the name ``BAG@START:END``."""
+    return motion.name.rpartition('@')[0] or motion.name
 
 
-@drawn
-def draw_unexplained_torque(parts: Parts, against: Mapping[str, Array], timeline: Timeline) -> list[Picture]:
-    """Plot the unexplained torque of both joints, and draw its means against other quantities."""
-    torque, panels = np.concatenate([values for _, _, values in parts]), []
-    figure, axes = _panels(2.6, 2, len(against), sharey='row')
-    usual = np.abs(torque) < OUTLYING * np.median(np.abs(torque), axis=0) + np.finfo(float).tiny
-    for k, (joint, row) in enumerate(zip(('shoulder', 'elbow'), axes.reshape(2, -1), strict=True)):
-        line = Line('', [values[:, k] for _, _, values in parts], COLOURS[k], 0.7)
-        panels.append(Panel(joint, 'N m', timeline.times(parts), [line]))
-        kept = torque[usual[:, k], k]
-        row[0].set_ylabel(f'{joint}\n[N m]')
-        for axis, (name, values) in zip(row, against.items(), strict=True):
-            x = values[usual[:, k], k]
-            edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
-            if len(edges) > 2:
-                means = binned_statistic(x, kept, bins=edges).statistic
-                axis.plot((edges[1:] + edges[:-1]) / 2, means, color=COLOURS[k])
-                axis.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
-            if k == 1:
-                axis.set_xlabel(name)
-    return [Picture('torque_left', TimePlot(panels, timeline.marks)), Picture('torque_means', figure)]
+def _one_after_the_other(motions: Sequence[Trajectory]) -> tuple[list[Trajectory], list[Span]]:
+    """Return motions moved in time so that no two recordings overlap, and a mark where a further one begins."""
+    spans: dict[str, list[float]] = {}
+    for motion in motions:
+        spans.setdefault(_recording(motion), []).extend((float(motion.t[0]), float(motion.t[-1])))
+    shifts: dict[str, float] = {}
+    ends: list[float] = []
+    for name, times in spans.items():
+        shifts[name] = ends[-1] - min(times) if ends else 0.0
+        ends.append(max(times) + shifts[name])
+    moved = [replace(motion, t=motion.t + shifts[_recording(motion)]) for motion in motions]
+    return moved, [Span(end, end, GREY) for end in ends[:-1]]
+
+
+def _worst_part(motions: Sequence[Motion], answer: Answer, scale: Array) -> tuple[Motion, Array, Array, int, bool]:
+    """Simulate recordings from measured states on, and return the worst predicted part of one of them.
+
+    Returns:
+        The motion; the times of the part every :data:`STEP`, shape (N,); the states of K simulations of L steps, shape
+        (L + 1, 4, K), NaN after one diverges; into how many each step was divided; whether the part is everything that
+        there is.
+
+    Raises:
+        TrajectoryError: the recordings are too short to be simulated.
+    """
+    margin = max(abs(answer.delay), 1e-9)
+    longest = max(m.end - m.start - m.interval for m in motions) - 2 * margin
+    ahead = STEP * int(min(AHEAD, longest) / STEP)
+    found = []
+    for motion in (m for m in motions if m.end - m.start - 2 * margin >= ahead):
+        simulations = Simulations.of([motion], answer.theta, answer.delay, np.zeros(2), (ahead,), ahead)
+        with np.errstate(all='ignore'):
+            off, states = simulations.errors(answer.theta)
+            off = np.nan_to_num(np.abs(off[0] / scale[:, None]), nan=LOST, posinf=LOST)
+        errors = (np.minimum(off, LOST) ** 2).mean(axis=0)
+        count = min(len(errors), max(1, round(SHOWN / ahead)))
+        sums = np.convolve(errors, np.ones(count), mode='valid') / count
+        first = int(np.argmax(sums))
+        found.append((float(sums[first]), motion, simulations, states, slice(first, first + count)))
+    _, motion, simulations, states, shown = max(found, key=lambda each: each[0])
+    states = np.where(np.isfinite(states), states, np.nan)[:: simulations.substeps, :, shown]
+    starts = simulations.t
+    t = starts[shown.start] + STEP * np.arange((len(states) - 1) * states.shape[2] + 1)
+    return motion, t, states, simulations.substeps, len(motions) == 1 and len(starts) <= shown.stop - shown.start
+
+
+def _autocorrelation(times: Sequence[Array], parts: Sequence[Array]) -> tuple[Array, Array]:
+    """Return lags [s], shape (M,), and the autocorrelation of even residuals of mean 0, (N, C), as shape (M, C)."""
+    interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
+    lags = int(min(2 * AHEAD / interval, max(map(len, times)) // 2))
+    sums = np.zeros((lags + 1, parts[0].shape[1]))
+    for part in parts:
+        padded = np.pad(part, ((0, lags), (0, 0)))
+        sums += np.column_stack([correlate(a, b, 'valid', 'fft') for a, b in zip(padded.T, part.T, strict=True)])
+    return interval * np.arange(lags + 1.0), np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
 
 
 def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
@@ -229,134 +345,10 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
     return Picture('track', TimePlot(panels, spans))
 
 
-@drawn
-def draw_convergence(criterion: str, least: float, convergence: Convergence) -> list[Picture]:
-    """Draw the distance of the best value of each run of MDE from the exact minimum ``least``, by generation."""
-    generations = np.array(convergence.generations) + 1.0
-    best = np.array(convergence.best, dtype=float)
-    figure, (axis,) = _panels(3.0, 1)
-    axis.loglog(generations, np.maximum(best / least - 1, 1e-14).T, color=COLOURS[0], linewidth=0.8, alpha=0.8)
-    axis.set(xlabel='generation', ylabel='best J / exact minimum - 1')
-    axis.axhline(1e-6, color=SIMULATED, linestyle='--', label='counts as found')
-    axis.legend(loc='lower left', bbox_to_anchor=(0, 1.0), borderaxespad=0.2)
-    return [Picture(f'convergence_{criterion}', figure)]
-
-
-@drawn
-def draw_correlation(result: Result) -> list[Picture]:
-    """Draw the correlation matrix of the selected estimate, if it has one."""
-    names = list(result.parameters)
-    matrix = np.array(result.criteria[result.criterion].correlation, dtype=float)
-    if not np.isfinite(matrix).any():
-        return []
-    few = len(names) < 11
-    figure, (axis,) = _panels(4.6, 1)
-    axis.imshow(matrix, cmap='RdBu_r', vmin=-1, vmax=1)
-    for row, column in np.argwhere(np.isfinite(matrix)):
-        value = matrix[row, column]
-        shown = f'{value:.2f}'.replace('0.', '.').replace('1.00', '1').replace('-.00', '.00')
-        colour = 'white' if abs(value) > 0.6 else 'black'
-        axis.text(column, row, shown, ha='center', va='center', fontsize=8 if few else 6, color=colour)
-    axis.set_xticks(range(len(names)), names)
-    axis.set_yticks(range(len(names)), names)
-    axis.tick_params(length=0, labelsize=8 if few else 7)
-    axis.grid(False)
-    return [Picture('correlation', figure)]
-
-
-@drawn
-def draw_excitation(names: Sequence[str], terms: Array, own: Array, residual: Array) -> list[Picture]:
-    """Draw the effect of each parameter in the equation of each joint, and its part that no other can imitate.
-
-    The arrays are those of :func:`.figure_data.excitation`.
-    """
-    figure, axes = _panels(1.4 + 0.26 * len(names), 1, 2, sharey=True)
-    places = np.arange(len(names))
-    for k, (axis, joint) in enumerate(zip(axes, ('shoulder', 'elbow'), strict=True)):
-        largest = max(terms[:, k].max(), residual[k]) or 1.0
-        least = 10.0 ** np.floor(np.log10(max(min(residual[k], largest * 1e-3), largest * 1e-7, 1e-300)) - 0.5)
-        for values, label, how in ((terms, 'all it does', {'alpha': 0.35}), (own, 'it alone', {'height': 0.45})):
-            width = np.maximum(values[:, k] - least, 0)
-            axis.barh(places, width, left=least, color=COLOURS[0], label=label, **how)
-        axis.axvline(max(residual[k], least), color=SIMULATED, linestyle='--', label='unexplained')
-        axis.set(xscale='log', xlim=(least, 2 * largest), title=f"{joint}'s equation", xlabel='root mean square [N m]')
-        axis.set_yticks(places, names)
-        axis.grid(False, axis='y')
-    axes[0].invert_yaxis()
-    figure.legend(*axes[0].get_legend_handles_labels(), loc='lower center', ncols=3, bbox_to_anchor=(0.5, 1.0))
-    return [Picture('excitation', figure)]
-
-
 def _panels(height: float, rows: int, columns: int = 1, **shared: Any) -> tuple[Figure, NDArray[Any]]:
     """Return a figure, ``height`` inches high, and its axes, row by row."""
-    figure = Figure(figsize=(WIDTH, height), layout='constrained')
+    figure = Figure(figsize=(COLUMN, height), layout='constrained')
     return figure, figure.subplots(rows, columns, squeeze=False, **shared).ravel()
-
-
-def of_result(result: Result) -> Iterator[Wanted]:
-    """Yield the subject of each picture of a result alone, and the function that draws it."""
-    yield 'the correlations', partial(draw_correlation, result)
-    for criterion, answer in result.criteria.items():
-        if answer.convergence and answer.J.least_squares is not None:
-            draw = partial(draw_convergence, criterion, answer.J.least_squares, answer.convergence)
-            yield f'the convergence of {criterion}', draw
-
-
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """A result and its recordings, with smoothed states and without the compensated effects."""
-
-    result: Result
-    recorded: Recordings
-    estimating: Sequence[Motion]
-    validating: Sequence[Motion]
-    scale: Array
-
-    @classmethod
-    def of(cls, result: Result, training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Prepared:
-        """Prepare the recordings as the identification did."""
-        delay = answers(result)[result.criterion].delay
-        estimating, validating = (
-            [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded]
-            for recorded in (training, validation)
-        )
-        scale = state_scale(estimating)
-        effects = figure_data.known_effects(estimating, delay, result.effects)
-        estimating, validating = (
-            [compensated(motion, effects, delay) for motion in motions] for motions in (estimating, validating)
-        )
-        return cls(result, (training, validation), estimating, validating, scale)
-
-    def compared(self, beside: tuple[PartialResult, str]) -> dict[str, Predicted]:
-        """Return how well another result, and this one, predict the validation data or, without any, all data."""
-        best, (other, name) = answers(self.result)[self.result.criterion], beside
-        motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
-        return {title: predicted(predict(motions, theta, best.delay, self.scale)) for title, theta in vectors.items()}
-
-    def pictures(self) -> Iterator[Wanted]:
-        """Yield the subject of each picture of the recordings, and the function that draws it."""
-        estimates, motions, validating = answers(self.result), self.estimating, self.validating
-        best, asked, names = estimates[self.result.criterion], settings(self.result), list(self.result.parameters)
-        timeline = Timeline.of([*self.recorded[0], *self.recorded[1]])
-        yield 'the data', lambda: plot_recordings(*self.recorded)
-        yield (
-            'the unexplained torque',
-            lambda: draw_unexplained_torque(*figure_data.unexplained_torque(motions, best), timeline),
-        )
-        yield (
-            'the simulation',
-            lambda: plot_simulation(
-                figure_data.simulate_beside(validating or motions, best, self.scale),
-                timeline,
-                validation=bool(validating),
-            ),
-        )
-        yield 'the excitation', lambda: draw_excitation(names, *figure_data.excitation(motions, best, names))
-
-        def residuals(answer: Answer) -> list[Picture]:
-            return draw_residuals(figure_data.residuals(motions, answer, asked), timeline)
-
-        yield from ((f'the residuals of {name}', partial(residuals, answer)) for name, answer in estimates.items())
 
 
 def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:

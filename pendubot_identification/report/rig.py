@@ -63,21 +63,17 @@ def command(result: Result) -> str:
     validation = [each.bag for each in result.bags if each.bag not in training]
     words = ['pendubot identify', *map(shlex.quote, training)]
     words += ['--validate', *map(shlex.quote, validation)] if validation else []
-    usual, searches = Settings(), [answer.mde for answer in result.criteria.values() if answer.mde]
-    low, high = made.delays
-    options = {
-        'criterion': ','.join(made.criteria) if tuple(made.criteria) != usual.criteria else None,
-        'model': made.model if made.model != usual.model else None,
-        'optimizer': made.optimizer if made.optimizer != usual.optimizer else None,
-        'hold': made.hold if made.hold != usual.hold else None,
-        'delay': f'{low:g}:{high:g}' if (low, high) != DELAYS else None,
-        'sliding': made.sliding_window,
-        'link-length': made.link_length,
-        'seed': made.seed if made.seed != usual.seed else None,
-        'spread': next((f'{each.spread:g}' for each in searches if each.spread not in (None, SPREAD)), None),
-        'start': 'START.yaml' if made.start else None,
+    usual, spreads = Settings(), [answer.mde.spread for answer in result.criteria.values() if answer.mde]
+    options = {name: (getattr(made, name), getattr(usual, name)) for name in ('model', 'optimizer', 'hold', 'seed')}
+    options |= {
+        'criterion': (','.join(made.criteria), ','.join(usual.criteria)),
+        'delay': ('{:g}:{:g}'.format(*made.delays), '{:g}:{:g}'.format(*DELAYS)),
+        'sliding': (made.sliding_window, None),
+        'link-length': (made.link_length, None),
+        'spread': (next((f'{each:g}' for each in spreads if each is not None), None), f'{SPREAD:g}'),
+        'start': ('START.yaml' if made.start else None, None),
     }
-    words += [f'--{name}={shlex.quote(str(value))}' for name, value in options.items() if value is not None]
+    words += [f'--{n}={shlex.quote(str(v))}' for n, (v, default) in options.items() if v not in (None, default)]
     words += [f'--bounds {bound}' for bound in _given_bounds(result)]
     words += Conversion.of(result.reading).options()
     expert = [] if made.smoothing is None else [f'smoothing: {made.smoothing}']

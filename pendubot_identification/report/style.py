@@ -18,8 +18,6 @@ from matplotlib.figure import Figure
 
 #: Limits, targets and boundaries behind the curves.
 GREY = '#888888'
-#: Width of a figure of a report [inch]: a column on a screen, and legible on a telephone.
-WIDTH = 5.2
 #: Settings of the figures of a report, which are smaller than a page.
 SMALL = {'axes.titlesize': 9, 'legend.fontsize': 8, 'lines.linewidth': 1.0, 'figure.constrained_layout.w_pad': 0.09}
 SETTINGS = {

@@ -97,16 +97,6 @@ def papers_head(result: Result) -> str:
     return 'energy' if energy.mde is None else 'energy by MDE'
 
 
-def J_sentence(result: Result) -> str:
-    """Return J of the selected criterion, and of the paper's."""
-    said = []
-    for name in dict.fromkeys([result.criterion, 'energy'] if papers_head(result) else [result.criterion]):
-        J = result.criteria[name].J
-        validation = '' if J.validation is None else f', {J.validation:.4g} on validation'
-        said.append(f'{name} {number(J.training, ".4g")} {J.unit}{validation}')
-    return f'J: {"; ".join(said)}'
-
-
 def rounding(entries: Iterable[Parameter]) -> str:
     """Return the format that shows three digits of the smallest estimate, or of its standard error if that is more."""
     sizes = [max(abs(e.value), e.std_error or 0.0) for e in entries if e.value and not e.on_bound]
@@ -256,11 +246,6 @@ def data_sentences(result: Result) -> list[str]:
     return sentences
 
 
-def steps(result: Result) -> str:
-    """Return the steps of the optimiser, a paragraph a criterion."""
-    return '\n'.join(wrapped(f'{name}: {"; ".join(answer.steps)}') for name, answer in result.criteria.items())
-
-
 def verdict(result: Result) -> str:
     """Return the meaning of a result's level in a sentence; OK names the parameters that it does not cover."""
     if result.level is not Level.OK or not result.not_covered:
@@ -277,11 +262,6 @@ def remarks(result: Result) -> list[str]:
             f'{followed} more follow from that: the result file (--output) and the report (--report) list them'
         )
     return lines
-
-
-def judgement(result: Result) -> str:
-    """Return the remarks of a result, and the own warnings of each other criterion."""
-    return '\n'.join(map(wrapped, [*remarks(result), *own_warnings(result)]))
 
 
 def own_warnings(result: Result) -> list[str]:
@@ -311,10 +291,7 @@ def summary(result: Result) -> str:
     sources = [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
     sources += dict.fromkeys(f'taken as: {b.taken_as}' for b in result.bags if b.taken_as)
     selected = f'selected: the criterion {result.criterion}, {result.model} model'
-    shown: list[str | Table | None] = [
-        '\n'.join(sources),
-        f'{selected}\n{parameter_table(result).text()}\n{wrapped(J_sentence(result))}',
-    ]
+    shown: list[str | Table | None] = ['\n'.join(sources), f'{selected}\n{parameter_table(result).text()}']
     # Where a fault of the recordings explains all that is odd, the rest would only hide it.
     if not result.consequences:
         design = 'pendubot excite --design proposes an excitation that identifies all parameters as well as can be'
@@ -325,10 +302,10 @@ def summary(result: Result) -> str:
             '\n'.join(map(wrapped, data_sentences(result))),
             effects_table(result),
             zero_table(result),
-            steps(result),
+            '\n'.join(wrapped(f'{name}: {"; ".join(answer.steps)}') for name, answer in result.criteria.items()),
             '\n'.join(map(wrapped, [*result.advice, design])) if result.advice else None,
         ]
-    shown.append(judgement(result))
+    shown.append('\n'.join(map(wrapped, [*remarks(result), *own_warnings(result)])))
     return '\n\n'.join(part.text() if isinstance(part, Table) else part for part in shown if part)
 
 
@@ -359,8 +336,7 @@ def comparison(compared: Mapping[str, Any]) -> str:
 
 def motion_lines(found: Excited, experiment: Experiment) -> list[str]:
     """Return, in words, the pulses and the motion that they are predicted to make."""
-    train = found.train
-    speed, turns = found.speed, found.angle / (2 * np.pi)
+    train, speed, turns = found.train, found.speed, found.angle / (2 * np.pi)
     return [
         f'pulses: every {train.period:g} s, {100 * train.width:g} % of it, from {train.amplitude_min:g} to '
         f'{train.amplitude_max:g} N m, a new torque every {train.hold:g} s, seed {train.seed}',

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,39 +28,25 @@ Array = NDArray[np.float64]
 MOST_POINTS = 2400
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A quantity in pieces: between them the line is broken.
+class Line(NamedTuple):
+    """A quantity in pieces: between them the line is broken."""
 
-    Attributes:
-        label: in the legend; empty: not in it.
-        values: at the times of each piece, shapes (N,).
-        style: ``line``, ``steps`` (held until the next), ``dots``, or ``band``.
-        upper: of a ``band``, whose lower edge are the values: the values at its upper edge.
-    """
-
-    label: str
-    values: Sequence[Array]
+    label: str  #: in the legend; empty: not in it.
+    values: Sequence[Array]  #: at the times of each piece, shapes (N,).
     colour: str
     width: float = 1.0
     style: Literal['line', 'steps', 'dots', 'band'] = 'line'
-    upper: Sequence[Array] = ()
+    upper: Sequence[Array] = ()  #: edge of a ``band`` above that of ``values``.
 
 
-@dataclass(frozen=True, slots=True)
-class Panel:
-    """Lines of one unit.
-
-    Attributes:
-        times: of each piece [s], shapes (N,).
-        reach: values beyond these are not shown; None: all are.
-    """
+class Panel(NamedTuple):
+    """Lines of one unit."""
 
     quantity: str
     unit: str
-    times: Sequence[Array]
+    times: Sequence[Array]  #: of each piece [s], shapes (N,).
     lines: Sequence[Line]
-    reach: tuple[float, float] | None = None
+    reach: tuple[float, float] | None = None  #: values beyond these are not shown; None: all are.
 
     def data(self) -> dict[str, Any]:
         """Return the panel as plain data, thinned to what a screen shows: times, and the values of all lines there."""
@@ -77,8 +62,7 @@ class Panel:
         return {'label': label, 'reach': self.reach, 't': times, 'lines': lines}
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
+class Span(NamedTuple):
     """An interval of time [s], shaded, or a line where its length is 0; ``label`` is in the legend."""
 
     begin: float
@@ -87,23 +71,18 @@ class Span:
     label: str = ''
 
 
-@dataclass(frozen=True, slots=True)
-class TimePlot:
-    """Panels over one time axis [s].
-
-    Attributes:
-        live: measured motion from which the page simulates the lines itself; None where it does not.
-    """
+class TimePlot(NamedTuple):
+    """Panels over one time axis [s]."""
 
     panels: Sequence[Panel]
     spans: Sequence[Span] = ()
-    live: Mapping[str, Any] | None = None
+    live: Mapping[str, Any] | None = None  #: measured motion from which the page simulates the lines itself.
 
     def data(self) -> dict[str, Any]:
         """Return the plot as plain data, thinned to what a screen shows."""
         return {
             'live': self.live,
-            'spans': [[round(s.begin, 5), round(s.end, 5), s.colour, s.label] for s in self.spans],
+            'spans': [[round(begin, 5), round(end, 5), *rest] for begin, end, *rest in self.spans],
             'panels': [panel.data() for panel in self.panels],
         }
 
@@ -111,9 +90,9 @@ class TimePlot:
         """Return the plot as a static figure, as wide as a page of paper."""
         figure = Figure(figsize=(7.2, max(1.8, 0.8 + 0.62 * len(self.panels))), layout='constrained')
         self.draw(figure.subplots(len(self.panels), 1, squeeze=False, sharex=True).ravel())
-        kinds = {span.label: span.colour for span in self.spans if span.label}
-        if patches := [Patch(color=colour, label=label) for label, colour in kinds.items()]:
-            figure.legend(handles=patches, loc='outside upper left', ncols=4)
+        kinds = {span.label: Patch(color=span.colour, label=span.label) for span in self.spans if span.label}
+        if kinds:
+            figure.legend(handles=[*kinds.values()], loc='outside upper left', ncols=4)
         return figure
 
     def draw(self, axes: Sequence[Axes] | NDArray[np.object_]) -> None:
@@ -139,10 +118,8 @@ def _draw(axis: Any, t: Array, line: Mapping[str, Any]) -> None:
     if line['style'] == 'band':
         axis.fill_between(t, y, np.array(line['upper'], dtype=float), color=line['colour'], alpha=0.25, linewidth=0)
         return
-    if line['style'] == 'steps':
-        how['drawstyle'] = 'steps-post'
-    if line['style'] == 'dots':
-        how |= {'linestyle': '', 'marker': '.', 'markersize': 4 * line['width']}
+    dots = {'linestyle': '', 'marker': '.', 'markersize': 4 * line['width']}
+    how |= {'steps': {'drawstyle': 'steps-post'}, 'dots': dots}.get(line['style'], {})
     axis.plot(t, y, label=line['label'] or None, **how)
 
 

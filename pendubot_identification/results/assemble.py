@@ -24,9 +24,6 @@ from .result import known
 
 T = TypeVar('T')
 
-#: Number of generations whose best values a result file holds.
-SHOWN_GENERATIONS = 30
-
 
 def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Result:
     """Return the result of an identification of these recordings."""
@@ -87,13 +84,10 @@ def _uncorrected(found: Identification) -> tree.Uncorrected:
 def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
     """Return the estimate of one criterion."""
     quadratic, effort = math.isfinite(e.J_exact), e.effort
-    search = convergence = None
+    search = None
     if e.runs is not None:
         how, runs = found.settings.search(e.criterion, e.model)
         search = _entry(tree.Search, how, runs=runs)
-        history = e.runs.history
-        generations = np.unique(np.rint(np.geomspace(1, len(history), SHOWN_GENERATIONS)).astype(int)) - 1
-        convergence = tree.Convergence(generations=known(generations), best=known(history[generations].T))
     return _entry(
         tree.CriterionAnswer,
         e,
@@ -117,7 +111,6 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
         prediction=predicted(e.prediction, found.validation),
         zeros=_zeros(e),
         mde=search,
-        convergence=convergence,
         correlation=known(e.correlation[np.ix_(e.present, e.present)]),
     )
 

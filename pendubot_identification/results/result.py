@@ -216,14 +216,6 @@ class Search:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Convergence:
-    """The best value of each run, a row a run, after increasing numbers of generations."""
-
-    generations: list[int]
-    best: list[list[Number]]
-
-
-@dataclass(frozen=True, kw_only=True)
 class CriterionAnswer:
     """The estimate by one criterion, see :class:`.estimate.Estimate`."""
 
@@ -241,7 +233,6 @@ class CriterionAnswer:
     converged: bool
     steps: list[str]
     mde: Search | None
-    convergence: Convergence | None
     uncertainty: str
     correlation: list[list[Number]]
 

@@ -43,7 +43,7 @@ LARGEST, SESSIONS, LONGEST_NAME = 2 << 30, 16, 200
 LINE = 1 << 24
 BOUNDS = Setting('bounds', '', 'search intervals, such as P1=0:0.5, or fixed values, such as b2=0', optional=True)
 #: The options of the page, without those of files of settings.
-SETTINGS = {s.name: s for s in (*OPTIONS, BOUNDS, APPLY_REMEDIES, *CONVERSION) if s not in (START, *EXPERT)}
+SETTINGS = {s.name: s for s in (*OPTIONS, BOUNDS, APPLY_REMEDIES, *CONVERSION) if s not in EXPERT}
 NO_SPACE = 'free space on this disk, or start the studio with TMPDIR on another one'
 #: Nothing comes from a network. A page of a result may run its own scripts, but not call the studio.
 POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; frame-src 'self'"
@@ -61,13 +61,11 @@ class Session:
 
     Attributes:
         folder: private; received files are in ``files``, those of the result in ``output``.
-        given: the places of recordings that were given in the terminal, by their names.
-        recordings: the places of all recordings, absolute or relative to ``files``.
+        recordings: their places by their names, absolute if given in the terminal, or else relative to ``files``.
         size: of the files that were received [bytes].
     """
 
     folder: Path
-    given: Mapping[str, str]
     recordings: dict[str, str]
     size: int = 0
 
@@ -75,14 +73,12 @@ class Session:
         """Return where a received file is kept; a bag's folder may hold it.
 
         Raises:
-            PendubotError: the name is none of a file, or is taken by a recording that was not received.
+            PendubotError: the name is none of a file.
         """
         parts = name.split('/')
         sound = all(p.isprintable() and 0 < len(p) < LONGEST_NAME and p[0] not in '.-' and '\\' not in p for p in parts)
         if not sound or len(parts) > 2:
             raise PendubotError(f'{name!r} is no name of a recording; rename the file, without a leading dot or hyphen')
-        if parts[0] in self.given:
-            raise PendubotError(f'a recording {parts[0]} was given in the terminal; rename one of the two')
         return self.folder / 'files' / name
 
 
@@ -146,7 +142,7 @@ class Studio:
             raise PendubotError(f'{SESSIONS} pages are open already, which is the limit; close one of them')
         name = secrets.token_urlsafe(12)
         recordings = {'paper_experiment': str(resource('bags/paper_experiment'))} | self._given
-        self._sessions[name] = Session(self._root / name, self._given, recordings)
+        self._sessions[name] = Session(self._root / name, recordings)
         (self._root / name / 'files').mkdir(parents=True)
         about = {name: _described(setting) for name, setting in SETTINGS.items()}
         known = {'session': name, 'given': list(self._given), 'settings': about, 'live': find_spec('rclpy') is not None}
@@ -166,7 +162,9 @@ class Studio:
     async def _receive(self, request: web.Request) -> web.Response:
         """Receive a file, never more than the limit."""
         session, name = self._session(request), request.match_info['name']
-        place = session.place(name)
+        place, recording = session.place(name), name.partition('/')[0]
+        if recording in self._given:
+            raise PendubotError(f'a recording {recording} was given in the terminal; rename one of the two')
         place.parent.mkdir(exist_ok=True)
         partial, size = place.with_name(f'.{secrets.token_hex(8)}'), 0
         try:
@@ -180,7 +178,6 @@ class Studio:
         finally:
             partial.unlink(missing_ok=True)
         session.size += size
-        recording = name.partition('/')[0]
         session.recordings[recording] = recording
         return web.json_response({'name': recording})
 
@@ -279,7 +276,10 @@ def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:
     bags, validate = ([window(each) for each in asked[key]] for key in ('bags', 'validate'))
     if unknown := asked['options'].keys() - SETTINGS.keys():
         raise PendubotError(f'there is no option {min(unknown)!r} in the studio; use the command line')
-    return {**asked, 'bags': bags, 'validate': validate}
+    options = dict(asked['options'])
+    if START.name in options:
+        options[START.name] = window({'name': options[START.name]})
+    return {**asked, 'bags': bags, 'validate': validate, 'options': options}
 
 
 def given_recordings(texts: Sequence[str]) -> dict[str, str]:

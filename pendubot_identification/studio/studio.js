@@ -130,9 +130,11 @@ function field(name) {
   const { kind, choices, help, optional } = about.settings[name], value = given(name), set = `option:${name}`;
   const label = name[0].toUpperCase() + name.slice(1).replaceAll('_', ' ');
   const type = kind === 'int' || kind === 'float' ? 'number' : 'text';
-  const control = choices.length ? select(set, label, value, choices.map((each) => [each, each]))
+  const file = name === 'start' && html`<input type="file" id="start" accept=".yaml" hidden>
+    ${button('pick:start', value || 'Choose a result file')}`;
+  const control = file || (choices.length ? select(set, label, value, choices.map((each) => [each, each]))
     : html`<input type="${type}" step="any" aria-label="${label}" data-set="${set}"
-      value="${optional && value === usual(name) ? '' : value}">`;
+      value="${optional && value === usual(name) ? '' : value}">`);
   return html`<label class="field">${kind === 'bool' ? html`<span class="row">
     <input type="checkbox" data-set="${set}" ${value === 'true' && 'checked'}>${label}</span>`
     : html`<span>${label}</span>${control}`}<small>${help}</small></label>`;
@@ -147,15 +149,16 @@ const choices = (name, legend, list) => html`<fieldset class="choices"><legend>$
 function add(name) {
   if (state.files.every((file) => file.name !== name)) state.files.push({ name, role: 'estimate', start: '', end: '' });
 }
-async function receive(entries) {
+/* Sends files, and does something with the name of each. */
+async function receive(entries, take = add, what = 'reading') {
   state.problem = null;
   for (const { file, name } of entries) {
     const path = name.split('/').map(encodeURIComponent).join('/');
     const answer = await fetch(at(`files/${path}`), { method: 'PUT', body: file }).catch(() => null);
-    if (answer?.ok) add((await answer.json()).name);
+    if (answer?.ok) take((await answer.json()).name);
     else state.problem = answer ? { sentence: await answer.text() } : SILENT;
   }
-  changed();
+  changed(what);
 }
 /* All files of what was dropped, with those of its folders. */
 async function unfold(entry) {
@@ -170,6 +173,7 @@ async function dropped(items) {
   const entries = [...items].map((item) => item.webkitGetAsEntry() ?? item.getAsFile()).filter(Boolean);
   await receive((await Promise.all(entries.map(unfold))).flat());
 }
+const use = (name) => { state.options.start = name; };
 function recordings() {
   const window = (file, k, key) => html`<input type="number" min="0" step="any" value="${file[key]}"
     placeholder="${key}" aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
@@ -265,8 +269,10 @@ const MARKS = { OK: ['✓', 'good'], WARN: ['!', 'warning'], ERROR: ['✕', 'err
 const passed = () => Boolean(state.checks) && !state.checks.some(({ level, check }) => level === 'ERROR' &&
   check !== 'conventions');
 function checks() {
-  if (!state.checks) need('check', state.files, (value, error) =>
-    { state.checks = value ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }]; });
+  if (!state.checks) need('check', state.files, (value, error) => {
+    state.checks = value?.findings ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }];
+    state.call = value?.call;
+  });
   const list = (state.checks ?? []).map(({ check, level, sentence, remedy }) => html`<li><span class="dot ${level}"
     role="img" aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div>
     <p>${sentence}</p>${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`,
@@ -274,6 +280,7 @@ function checks() {
   return html`${heading('Is it good enough?', 'Everything that can be checked before a fit.')}
     ${state.checks ? html`<ul class="checks">${list}</ul>`
       : busy('checking stamps, gaps, limits, conventions and excitation')}
+    ${state.checks && state.call && more('The same in Python', command(state.call))}
     ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Correct the columns'))}`;
 }
 
@@ -286,10 +293,11 @@ const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the larges
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
   ['geared', 'Geared', 'and friction of gears']];
 function method() {
-  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'bounds', 'seed', 'spread', 'apply_remedies'];
-  return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}
+  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'bounds', 'seed', 'spread', 'start',
+    'apply_remedies'];
+  return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}${state.problem && refusal(state.problem)}
     ${choices('criterion', 'Criterion', CRITERIA)}
-    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, bounds, seed',
+    ${choices('model', 'Model', MODELS)}${more('Hold, delay, length of link 1, bounds, seed, start',
       html`<div class="fields">${rest.map(field)}</div>`)}${actions(passed())}`;
 }
 
@@ -329,7 +337,8 @@ const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendu
   'pendubot.py': 'Python' };
 const SAID = { WARN: 'Use them with care: the page says why.', ERROR: 'Do not use them: the page says why.' };
 function result() {
-  const { level, files, missing, command: made } = state.result, page = at('output/report.html');
+  const { level, files, missing } = state.result, page = at('output/report.html');
+  const made = state.result.command.replace('START.yaml', state.options.start);
   const links = Object.keys(FILES).filter((name) => files.includes(name)).map((name) =>
     html`<a class="button" href="${at(`output/${name}`)}" download="${name}">${name}<small>${FILES[name]}</small></a>`);
   return html`<h2>The parameters of the rig</h2>${SAID[level] && note(level, SAID[level])}
@@ -445,7 +454,7 @@ function listen() {
     const [what, name] = target.dataset.set?.split(':') ?? [];
     if (what) SETS[what](name, target.type === 'checkbox' ? String(target.checked) : target.value.trim());
     else if (target.files) receive([...target.files].map((file) =>
-      ({ file, name: file.webkitRelativePath || file.name })));
+      ({ file, name: file.webkitRelativePath || file.name })), ...(target.id === 'start' ? [use, 'fit'] : []));
   });
   addEventListener('toggle', ({ target }) => {
     if (target.dataset?.open) state.open[target.dataset.open] = target.open;

@@ -47,10 +47,15 @@ def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     return shown
 
 
-def check(job: Mapping[str, Any], say: Say) -> list[dict[str, Any]]:
-    """Return the findings of the checks."""
-    found = api.check(*job['bags'], validate=job['validate'], **_options(job))
-    return [{'check': f.check, 'level': f.level.name, 'sentence': f.sentence, 'remedy': f.remedy} for f in found]
+def check(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
+    """Return the findings of the checks, and the call that repeats them."""
+    given = {'validate': job['validate'], **_options(job)}
+    found = api.check(*job['bags'], **given)
+    usual = {'validate': [], 'topic': '/joint_states', 'joint_names': ['shoulder', 'elbow']}
+    options = [f'{name}={value!r}' for name, value in given.items() if value != usual.get(name)]
+    call = f'pendubot_identification.check({", ".join([*map(repr, job["bags"]), *options])})'
+    shown = [{'check': f.check, 'level': f.level.name, 'sentence': f.sentence, 'remedy': f.remedy} for f in found]
+    return {'findings': shown, 'call': call}
 
 
 def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
@@ -102,8 +107,7 @@ def main() -> int:
     def say(event: Mapping[str, Any]) -> None:
         print(json.dumps(event), file=events, flush=True)
 
-    tasks: dict[str, Callable[[Mapping[str, Any], Say], Any]]
-    tasks = {'describe': describe, 'check': check, 'identify': identify}
+    tasks: dict[str, Callable[..., Any]] = {'describe': describe, 'check': check, 'identify': identify}
     if not (text := sys.stdin.read()):
         return 0  # the studio ended before there was a job
     job = json.loads(text)

@@ -112,10 +112,7 @@ def test_what_a_hand_left_out_is_0_in_its_own_place():
     assert [float(macros[name.removeprefix('PENDUBOT_')]) for name in names.split(', ')] == list(theta.values())
 
 
-class Compiled:
-    """The header's functions, called from C."""
-
-    MAIN = """
+MAIN = """
 #include <stdio.h>
 #include "pendubot.h"
 int main(void) {
@@ -129,26 +126,21 @@ int main(void) {
   return 0;
 }
 """
-    name = 'h'
-
-    def __call__(self, text, points, folder):
-        (folder / 'pendubot.h').write_text(text)
-        (folder / 'main.c').write_text(self.MAIN)
-        flags = ['-std=c99', '-Wall', '-Wextra', '-pedantic', '-Werror']
-        subprocess.run(['gcc', *flags, 'main.c', '-o', 'main', '-lm'], cwd=folder, check=True)
-        given = '\n'.join(' '.join(map(repr, row)) for row in points.tolist())
-        return subprocess.run([folder / 'main'], input=given, capture_output=True, text=True, check=True).stdout
 
 
-class Octave:
-    """The script, run; its functions, called."""
+def by_c(text, points, folder):
+    (folder / 'pendubot.h').write_text(text)
+    (folder / 'main.c').write_text(MAIN)
+    flags = ['-std=c99', '-Wall', '-Wextra', '-pedantic', '-Werror']
+    subprocess.run(['gcc', *flags, 'main.c', '-o', 'main', '-lm'], cwd=folder, check=True)
+    given = '\n'.join(' '.join(map(repr, row)) for row in points.tolist())
+    return subprocess.run([folder / 'main'], input=given, capture_output=True, text=True, check=True).stdout
 
-    name = 'm'
 
-    def __call__(self, text, points, folder):
-        (folder / 'parameters_of_a_pendubot.m').write_text(text)
-        rows = '; '.join(' '.join(map(repr, row)) for row in points.tolist())
-        script = f"""parameters_of_a_pendubot;
+def by_octave(text, points, folder):
+    (folder / 'parameters_of_a_pendubot.m').write_text(text)
+    rows = '; '.join(' '.join(map(repr, row)) for row in points.tolist())
+    script = f"""parameters_of_a_pendubot;
 for x = [{rows}]'
   q = x(1:2); v = x(3:4); tau = x(5:6); M = pendubot.mass_matrix(q)';
   d = pendubot.derivative(x(1:4), tau);
@@ -156,39 +148,34 @@ for x = [{rows}]'
   printf('%.17g ', M(:), pendubot.bias(q, v), pendubot.friction(v, tau), d(3:4)); printf('\\n');
 end
 """
-        command = ['octave', '--no-gui', '--norc', '--eval', script]
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+    command = ['octave', '--no-gui', '--norc', '--eval', script]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
 
 
-class Module:
-    """The module, which imports nothing but Python's own."""
-
-    name = 'py'
-
-    def __call__(self, text, points, folder):
-        module, lines = {}, []
-        exec(compile(text, 'pendubot.py', 'exec'), module)
-        for row in points.tolist():
-            q, v, tau = row[:2], row[2:4], row[4:]
-            (a, b), (c, d) = module['mass_matrix'](q)
-            found = a, b, c, d, *module['bias'](q, v), *module['friction'](v, tau), *module['acceleration'](q, v, tau)
-            lines.append(' '.join(map(repr, found)))
-        return '\n'.join(lines)
+def by_python(text, points, folder):
+    module, lines = {}, []
+    exec(compile(text, 'pendubot.py', 'exec'), module)
+    for row in points.tolist():
+        q, v, tau = row[:2], row[2:4], row[4:]
+        (a, b), (c, d) = module['mass_matrix'](q)
+        found = a, b, c, d, *module['bias'](q, v), *module['friction'](v, tau), *module['acceleration'](q, v, tau)
+        lines.append(' '.join(map(repr, found)))
+    return '\n'.join(lines)
 
 
 @pytest.mark.parametrize('model', MODELS)
-@pytest.mark.parametrize('language', [Compiled(), Octave(), Module()], ids=lambda language: language.name)
-def test_the_model_is_that_of_the_dynamics_in_every_language(language, model, tmp_path):
-    needed = {'h': 'gcc', 'm': 'octave'}.get(language.name)
-    if needed and shutil.which(needed) is None:
+@pytest.mark.parametrize(
+    ('name', 'evaluate', 'needed'), [('h', by_c, 'gcc'), ('m', by_octave, 'octave'), ('py', by_python, 'python3')]
+)
+def test_the_model_is_that_of_the_dynamics_in_every_language(name, evaluate, needed, model, tmp_path):
+    if shutil.which(needed) is None:
         pytest.skip(f'needs {needed}')
     rng = np.random.default_rng(3)
     theta = (np.array([22, 4, 1, 224, 33, 66, 1, 50, 20, 3, 30, 10, 3000, 2000]) * 1e-4)[: MODELS[model]]
     values = {n: Parameter(value=float(v)) for n, v in zip(NAMES, theta, strict=False)}
     given = PartialResult(parameters=values, bags=[replace(SOURCE, bag='odd */ name /* of\na bag')])
     points = rng.normal(size=(20, 6)) * [3, 3, 0.3, 0.3, 1, 1]
-    found = language(written(language.name, given), points, tmp_path)
-    lines = found.splitlines()
+    lines = evaluate(written(name, given), points, tmp_path).splitlines()
     frictionless = np.append(theta[:5], [0.0, 0.0, 0.0, 0.0, *theta[9:10]])
     for line, (q, v, tau) in zip(lines, points.reshape(-1, 3, 2), strict=True):
         M, h, f, a = np.split(np.array(line.split(), float), [4, 6, 8])

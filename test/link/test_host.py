@@ -3,8 +3,7 @@
 
 """The host's rules, without a port or a clock.
 
-Damaged frames and their exact counts, glitches of encoders and boards that reset under random losses are in
-benchmarks/faults.
+Damaged frames and their exact counts are in benchmarks/faults.
 """
 
 import math

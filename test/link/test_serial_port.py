@@ -3,9 +3,10 @@
 
 """A real port object on a real pseudo-terminal: read at once, opened again, held alone.
 
-Ports that are missing, busy, forbidden or come and go, and a virtual board in real time, are in benchmarks/faults.
+Ports that come and go, and a virtual board in real time, are in benchmarks/faults.
 """
 
+import errno
 import os
 import pty
 import re
@@ -134,6 +135,43 @@ def test_what_is_no_serial_port_is_told_once_in_a_sentence_and_tried_again(port,
         ear.wait(lambda e: e.opened)
         (said,) = ear.closed
         assert re.fullmatch(rf'the port {re.escape(wrong)} cannot be opened \(.+\); set port to .*', said)
+        device.unplug()
+
+
+def forbidden(*_, **__):
+    """As a user may not open it; the one of these tests may be root, who may."""
+    raise serial.SerialException(errno.EACCES, 'could not open port')
+
+
+@pytest.mark.parametrize(
+    ('trouble', 'said'), [('busy', rf'\(process {os.getpid()}\)'), ('forbidden', 'dialout'), ('missing', 'port')]
+)
+def test_a_port_in_trouble_is_told_once_with_its_holder_or_the_remedy_and_opened_later(
+    port, monkeypatch, trouble, said
+):
+    device, tried, true_open = Pty(port), threading.Semaphore(0), serial.serial_for_url
+    holder = serial.Serial(str(port), exclusive=True) if trouble == 'busy' else None
+    if trouble == 'missing':
+        port.unlink()
+    monkeypatch.setattr(serial, 'serial_for_url', forbidden if trouble == 'forbidden' else true_open)
+    present = serial.serial_for_url
+
+    def opening(*args, **given):
+        tried.release()
+        return present(*args, **given)
+
+    monkeypatch.setattr(serial, 'serial_for_url', opening)
+    with Ear(port) as ear:
+        assert all(tried.acquire(timeout=10) for _ in range(3))
+        if holder:
+            holder.close()
+        if trouble == 'missing':
+            port.symlink_to(device.slave)
+        present = true_open
+        ear.wait(lambda e: e.opened)
+        (reason,) = ear.closed
+        assert trouble in reason
+        assert re.search(said, reason)
         device.unplug()
 
 

@@ -7,16 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from pendubot_identification import kernel
 from pendubot_identification.model.dynamics import GRAVITY
-from pendubot_identification.model.filter import MOST_TERMS, Samples, Term, TermKind, Vectors, _Filter, innovations
+from pendubot_identification.model.filter import MOST_TERMS, Samples, Term, TermKind, Vectors, innovations
 from pendubot_identification.model.rollout import roll
 from test.model.paths import both_paths, path
-from test.strategies import physical_parameters
 from test.virtual import GEARED
 
 #: One term of each kind at each joint, with the repetitions or the speed that the kind needs.
@@ -128,26 +125,6 @@ def test_more_terms_than_the_kernel_takes_are_numpys():
     terms = (TERMS * (MOST_TERMS // len(TERMS) + 1))[: MOST_TERMS + 1]
     for a, b in zip(*both(samples(steps=8, groups=1), vectors(1, terms=terms), terms), strict=True):
         np.testing.assert_array_equal(a, b)
-
-
-@given(physical_parameters('geared'), st.integers(0, 10**6))
-def test_the_jacobian_is_the_accelerations_derivative(rig, seed):
-    rng = np.random.default_rng(seed)
-    unknown = replace(vectors(1, seed=seed), theta=rig.vector('geared')[:, None])
-    made = _Filter(samples(groups=1), unknown, TERMS)
-    x = rng.normal(scale=[1, 1, 3, 3], size=4)
-    x[2:] += np.copysign(1e-3, x[2:])  # Some terms have a corner at rest.
-    tau, elapsed, width = rng.normal(size=(2, 1, 1)), np.full((1, 1), 0.3), np.full((2, 1, 1), 0.1)
-
-    def point(x):
-        return made._point(x[:2, None, None], x[2:, None, None], tau, elapsed, width)
-
-    by = made._derived(x[2:, None, None], point(x), width)
-    step = 1e-5
-    near = x + step * np.vstack([np.eye(4), -np.eye(4)])
-    a = np.array([point(each).a for each in near])[..., 0, 0]
-    expected = (a[:4] - a[4:]).T / (2 * step)
-    np.testing.assert_allclose(by[..., 0, 0], expected, rtol=1e-4, atol=1e-6 * abs(a).max() + 1e-6 * abs(by).max())
 
 
 def test_without_torque_noise_the_mean_is_a_rollout():

@@ -15,7 +15,7 @@ from pendubot_identification.optimizers import mde as mde_module
 from pendubot_identification.optimizers.mde import mde
 from pendubot_identification.optimizers.optimizer import columns
 from pendubot_identification.paper.benchmark_functions import FUNCTIONS
-from pendubot_identification.paper.competitors import CLASSIC, PSOSettings, hde, pso
+from pendubot_identification.paper.competitors import CLASSIC, hde, pso
 
 with mock.patch.object(np, 'Infinity', np.inf, create=True):  # numpy 2 has dropped the name
     from swarmops import DE, PSO, tools
@@ -73,7 +73,7 @@ def test_each_stays_inside_and_gets_no_worse(minimise):
 
 
 def test_a_run_of_pso_stops_by_itself():
-    result = pso(SPHERE.value, SPHERE.bounds(2), PSOSettings(30, evaluations=9000, target=1e-2), runs=7, seed=5)
+    result = pso(SPHERE.value, SPHERE.bounds(2), particles=30, evaluations=9000, target=1e-2, runs=7, seed=5)
     assert set(result.stopped_by) == {'target'}
     assert len(set(result.generations)) > 1
     assert (result.evaluations == 30 * (result.generations + 1)).all()

@@ -60,15 +60,6 @@ def test_table_4_stands_beside_the_papers(competition):
     assert columns(times, 'paper [s]')[0] == 0.1910
 
 
-def test_an_order_that_does_not_hold_is_said(competition):
-    worse = [
-        outcome(o.function, 'MDE', [0.5] * 20) if (o.function, o.algorithm) == ('Ackley', 'MDE') else o
-        for o in competition
-    ]
-    _, order, _ = paper_tables.table_4(worse, 2)
-    assert columns(order, 'order as in the paper?')[6:9] == ['no', 'no', 'no']
-
-
 def test_the_sweep_names_the_quickest_threshold_that_arrives_most_often():
     good, bad = [1e-6] * 4, [1e-6, 1, 1, 1]
     outcomes = [

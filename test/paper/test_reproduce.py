@@ -25,7 +25,7 @@ def files(folder):
 
 def fewer(monkeypatch):
     """Every part in a few seconds: fewer runs, generations, thresholds and dimensions."""
-    short = {name: how if name == 'PSO' else replace(how, generations=60) for name, how in trials.SETTINGS.items()}
+    short = {name: replace(how, generations=60) for name, how in trials.SETTINGS.items()}
     for name, value in {'MANY': 2, 'SETTINGS': short, 'SWEEP': 2, 'SWEEP_GENERATIONS': 100}.items():
         monkeypatch.setattr(trials, name, value)
     monkeypatch.setattr(trials, 'THRESHOLDS', (0.3, 1.0))

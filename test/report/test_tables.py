@@ -90,7 +90,7 @@ def test_criteria_stand_beside_the_truth_where_it_is_known():
             assert float(error) == pytest.approx(100 * (float(value) / float(true) - 1), abs=0.2)
 
 
-def test_the_papers_answer_stands_beside_the_published_one_with_its_J():
+def test_the_papers_answer_stands_beside_the_published_one():
     result, mde = plain(('weak',), 'auto'), plain(*MDE)['criteria']['energy']
     assert parameter_table(typed(result)).head[3] == 'energy'
     result['criteria']['energy'] = energy = mde
@@ -100,8 +100,6 @@ def test_the_papers_answer_stands_beside_the_published_one_with_its_J():
     assert {name for name, value in shown.items() if value == '-'} == set(result['parameters']) - set(NAMES[:7])
     for name, entry in energy['parameters'].items():
         assert float(shown[name]) == pytest.approx(entry['value'], abs=5.1e-5)
-    J = f'energy {energy["J"]["training"]:.4g} J^2, {energy["J"]["validation"]:.4g} on validation'
-    assert J in ' '.join(summary(typed(result)).split())
     assert 'energy by MDE' not in parameter_table(typed(plain(*MDE))).head
 
 

@@ -4,6 +4,7 @@
 """The studio in a real browser, by mouse alone: from a dropped file to a result; stop; the running rig; a telephone."""
 
 import shlex
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,10 @@ DROP = """({name, text}) => {
   dataTransfer.items.add(new File([text], name));
   document.querySelector('.drop').dispatchEvent(new DragEvent('drop', {dataTransfer, bubbles: true, cancelable: true}));
 }"""
+#: A result file from which a fit starts.
+BEFORE = yaml.safe_dump(
+    {'schema': 1, 'parameters': {name: {'value': x} for name, x in asdict(PAPER).items() if x}}
+).encode()
 #: A task may wait for others on a busy machine [ms].
 LONG = 60_000
 
@@ -135,6 +140,8 @@ def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
     page.get_by_text('by differential evolution').click()
     page.get_by_text('Hold, delay, length of link 1, bounds, seed').click()
     page.get_by_label('Spread', exact=True).fill('0')
+    page.locator('#start').set_input_files({'name': 'before.yaml', 'mimeType': 'text/yaml', 'buffer': BEFORE})
+    expect(page.get_by_role('button', name='before.yaml')).to_be_visible()
     click(page, 'Continue')
     (worker,) = slow.workers()
     click(page, 'Start')

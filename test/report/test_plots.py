@@ -1,0 +1,162 @@
+# Copyright 2026 The pendubot_identification authors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Plots and figures: of the right numbers; the same arrays, the same bytes; long recordings, small files."""
+
+import json
+import math
+import warnings
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import hypothesis.extra.numpy as arrays
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pendubot_identification.criteria.prediction_error import STEP
+from pendubot_identification.level import NORMAL_95
+from pendubot_identification.model.rollout import roll
+from pendubot_identification.report import plots
+from pendubot_identification.report.time_plot import Line, Panel, TimePlot, joined, thinned
+from pendubot_identification.trajectories.trajectory import Trajectory
+from test.identified import made
+from test.report.pictures import every_picture, motion, pictures, swing
+from test.virtual import recording
+
+
+def of_this(result, **values):
+    """A result with other values of some parameters."""
+    best = result.criteria[result.criterion]
+    changed = best.parameters | {name: replace(best.parameters[name], value=v) for name, v in values.items()}
+    return replace(result, criteria=result.criteria | {result.criterion: replace(best, parameters=changed)})
+
+
+def lines(picture):
+    """The values of all lines, a list a panel."""
+    return [[np.concatenate(line.values) for line in panel.lines] for panel in picture.content.panels]
+
+
+def test_residuals_are_those_of_J_and_innovations_are_white_and_of_unit_variance():
+    result = made()
+    drawn = pictures(result, [swing()[:400]])
+    for criterion in ('energy', 'weak'):
+        (found,), J = lines(drawn[f'residuals_{criterion}']), result.criteria[criterion].J
+        everything = np.concatenate(found)
+        assert everything.size == J.residuals
+        np.testing.assert_allclose((everything**2).mean(), J.training, rtol=1e-6)
+    (panel,) = drawn['residuals_likelihood'].content.panels
+    assert panel.unit == 'standard deviations'
+    np.testing.assert_allclose(np.diff(panel.times[0]), 0.05, rtol=1e-3)
+    for (values,) in (line.values for line in panel.lines):
+        np.testing.assert_allclose((values**2).mean(), 1, atol=0.35)
+    correlation, _ = drawn['whiteness_likelihood'].content.axes
+    band = NORMAL_95 / math.sqrt(len(panel.times[0]))
+    assert all((np.abs(curve.get_ydata()[1:]) < 1.5 * band).mean() > 0.85 for curve in correlation.lines)
+
+
+def test_the_simulation_is_a_rollout_from_measured_states_with_the_recorded_torque():
+    result = made()
+    (picture,) = plots.Prepared.of(result, [swing()[:400]], [swing()[400:800]]).simulation()
+    live, steps = picture.content.live, picture.content.live['every']
+    assert picture.about == {'validation': True, 'ahead': 1.0, 'part': ''}
+    states, tau = np.array(live['states']), np.array(live['tau'])
+    begins = np.arange(0, states.shape[1] - 1, steps)
+    torques = np.stack([tau[:, b : b + steps] for b in begins], axis=2)
+    expected = roll(result.theta.vector(), states[:, begins], torques, STEP)
+    for k, (measured, simulated, dots) in enumerate(lines(picture)[:4]):
+        np.testing.assert_allclose(measured, states[k], rtol=1e-6)
+        assert np.flatnonzero(np.isfinite(dots)).tolist() == begins.tolist()
+        for n, begin in enumerate(begins):
+            shown = simulated[begin : begin + steps - 1]
+            np.testing.assert_allclose(shown, expected[: steps - 1, k, n], atol=1e-3)
+            errors = lines(picture)[4 + k // 2][k % 2][begin : begin + steps - 1]
+            np.testing.assert_allclose(errors, shown - states[k, begin : begin + steps - 1], atol=1e-5)
+
+
+def test_the_worst_part_of_long_recordings_is_shown_behind_the_others():
+    good = recording(4000, name='b')
+    # For two seconds the recorded torque is not the one that acted.
+    tau = good.tau + np.outer((good.t > 25) & (good.t < 27), [0.05, 0.0])
+    first = recording(800, seed=2, name='a')
+    (picture,) = plots.Prepared.of(made(), [first, replace(good, tau=tau)], []).simulation()
+    assert picture.about == {'validation': False, 'ahead': 1.0, 'part': 'b'}
+    t = picture.content.panels[0].times[0] - first.t[-1]
+    assert t[0] < 25 < 27 < t[-1] <= t[0] + plots.SHOWN
+
+
+def test_a_simulation_that_diverges_is_drawn_as_far_as_it_goes_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        (picture,) = plots.Prepared.of(of_this(made(), b1=-10.0, b2=-10.0), [swing()[:400]], []).simulation()
+    assert np.isnan(lines(picture)[0][1]).sum() > 10
+    svg = picture.files('svg')['svg']
+    assert b'inf' not in svg
+    assert b'nan' not in svg
+
+
+def test_each_is_a_complete_SVG_with_nothing_from_elsewhere():
+    for picture in every_picture():
+        root = ElementTree.fromstring(picture.files('svg')['svg'])
+        assert root.tag.endswith('svg')
+        links = {value for e in root.iter() for key, value in e.attrib.items() if key.endswith('href')}
+        assert all(link.startswith(('#', 'data:')) for link in links)
+
+
+@given(arrays.arrays(float, st.tuples(st.integers(1, 400), st.integers(1, 3)), elements=st.floats(-1e6, 1e6)))
+def test_thinned_lines_keep_what_can_be_seen(values):
+    kept = thinned(values, 40)
+    assert len(kept) <= max(40, 6 * values.shape[1]) or len(values) <= 40
+    assert (np.diff(kept) > 0).all()
+    np.testing.assert_array_equal(np.ptp(values[kept], axis=0), np.ptp(values, axis=0))
+
+
+def test_an_hour_at_1_kHz_makes_small_figures():
+    hour = motion(3_600_000, 0.001)
+    plot = TimePlot([Panel('q', 'rad', [hour.t], [Line('', [q], 'red') for q in hour.q.T])])
+    picture = plots.Picture('hour', plot)
+    assert all(len(content) < 400_000 for content in picture.files('svg', 'png').values())
+    assert len(json.dumps(plot.data())) < 150_000
+
+
+def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
+    parts = [motion(name='a@0:3'), motion(name='b'), motion(name='a@3:', start=3.0)]
+    drawn = pictures(made(('weak',)), parts[:2], parts[2:])
+    for name in ('recordings', 'simulation', 'torque_left', 'residuals_weak'):
+        marks = [span.begin for span in drawn[name].content.spans if span.begin == span.end]
+        assert marks == [pytest.approx(5.99)], name
+    within = [(s.begin, s.end) for s in drawn['recordings'].content.spans if s.label]
+    assert within == [(0, 2.99), (pytest.approx(5.99), pytest.approx(8.98)), (3, 5.99)]
+    assert drawn['recordings'].about['recordings'] == ['a', 'b']
+
+
+def test_pieces_are_one_line_with_gaps_where_time_always_ascends():
+    """Also where a piece begins when the one before it ends, or is longer than what is shown of it."""
+    t = np.linspace(0, 1, 5000)
+    pieces = [np.sin(9 * t)[:, None], t[:, None], np.empty((0, 1))]
+    joined_t, y = joined([t, t + 1, np.array([])], pieces, 400)
+    assert (np.diff(joined_t) > 0).all()
+    assert np.isnan(y).sum() == 1
+    assert len(y) <= 402
+    assert joined([], [])[0].shape == (0,)
+
+
+def test_a_band_has_both_its_edges_on_the_page_and_in_the_static_figure():
+    t = np.arange(3.0)
+    band = Line('a', [np.full(3, 1e-5)], 'red', style='band', upper=[np.full(3, 3e-5)])
+    plot = TimePlot([Panel('a', 'kg m^2', [t], [band])])
+    (panel,) = plot.data()['panels']
+    assert panel['label'] == 'a [kg m²]'
+    assert [panel['lines'][0][key][0] for key in ('y', 'upper')] == [1e-5, 3e-5]
+    (axis,) = plot.figure().axes
+    assert len(axis.collections) == 1
+
+
+def test_a_swing_up_shows_both_links_from_upright_the_torque_and_its_limit(tmp_path):
+    t = np.arange(200) * 0.01
+    q = np.column_stack([np.linspace(-math.pi / 2, math.pi / 2, 200), np.zeros(200)])
+    plots.draw_balance(tmp_path / 'a.svg', Trajectory(t, q, np.column_stack([np.sin(t), 0 * t])), 2.0)
+    text = (tmp_path / 'a.svg').read_text()
+    for words in ('[degrees]', 'link 1', 'link 2', '[N m]', 'time [s]'):
+        assert f'<!-- {words}' in text or f'\n{words} -->' in text, words
