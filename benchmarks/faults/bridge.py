@@ -244,7 +244,8 @@ def damaged_offline(_, long):
         cut = int(rng.integers(len(data)))
         for part in (data[:cut], data[cut:]):
             good = receiver.feed(part)
-            for event in host.receive(part, (k + 1) * MS):
+            host.receive(part, (k + 1) * MS)
+            for event in host.output.take_events():
                 if isinstance(event, Sample):
                     n = number_of(event.q)
                     wrong += not (is_numbered(event.q, event.effort) and good and k - 1 <= n <= k and n > last)
@@ -337,7 +338,7 @@ def life(seed):
     host.opened(now)
     samples, boots, scaled, disarmed = [], ([], []), False, False
     for step in range(2500):
-        board.receive(host.data_to_send())
+        board.receive(host.output.take_data())
         if step == 700:
             host.arm(now)
         # In order, as bytes are, and at times late: what a smaller delay corrects must not go back.
@@ -346,11 +347,12 @@ def life(seed):
         second = step >= reset * 1000
         for frame in (part + b'\0' for part in board.advance().split(b'\0') if part):
             was_armed = host.armed
-            samples += [e for e in host.receive(frame, now) if isinstance(e, Sample)]
+            host.receive(frame, now)
+            samples += [e for e in host.output.take_events() if isinstance(e, Sample)]
             (message,) = reference.feed(frame)
             if second and not boots[1]:
                 scaled = False
-                orders = [m.mode for m in Decoder((Command,)).feed(host.data_to_send()) if isinstance(m, Command)]
+                orders = [m.mode for m in Decoder((Command,)).feed(host.output.take_data()) if isinstance(m, Command)]
                 disarmed = was_armed and not host.armed and orders[:1] == [Mode.DISARM]
             scaled |= isinstance(message, Hello)
             boots[second].append((message.seq, scaled and isinstance(message, State)))
@@ -375,7 +377,8 @@ def glitches(_, long):
     for _ in range(60_000 if long else 4_000):
         now += MS
         for host, board, samples in zip(hosts, boards, results, strict=True):
-            samples.update({e.stamp_ns: e for e in host.receive(board.advance(), now) if isinstance(e, Sample)})
+            host.receive(board.advance(), now)
+            samples.update({e.stamp_ns: e for e in host.output.take_events() if isinstance(e, Sample)})
     truth, found = results
     missing, flagged = len(truth) - len(found), hosts[1].counters.flagged
     wrong = sum(sample.q != truth[stamp].q for stamp, sample in found.items())

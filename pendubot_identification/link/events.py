@@ -100,7 +100,7 @@ class Counters:
 
 
 class Output:
-    """What leaves a host, until it is taken: events, and frames while the port is ``open``; and its counters.
+    """Events and, while the port is ``open``, frames that leave a host, until they are taken; and its counters.
 
     ``seq`` is the number of the last frame, ``frames`` how many there were.
     """
@@ -130,6 +130,11 @@ class Output:
         """Return all events since the last call."""
         events, self._events = self._events, []
         return events
+
+    def take_data(self) -> bytes:
+        """Return all that has to be written to the port since the last call."""
+        data, self.data = self.data, b''
+        return data
 
     def send(self, message: type[HelloRequest | Command | Arm], now: int, **fields: int) -> None:
         """Send a message of these fields under the next number, at ``now`` [ns]; a closed port takes nothing."""

@@ -53,6 +53,7 @@ class Motor:
     Attributes:
         board: what the board said about itself; None while it has not.
         effort_stopped: whether it is armed at torque 0 because no effort command comes.
+        torque_limit: the largest torque ever sent [N m].
         lost: why it is disarmed though nobody wanted that, in words; '' from the next arming on.
         disobeyed: whether the board goes on without obeying the request to disarm.
     """
@@ -133,6 +134,10 @@ class Motor:
             self._frames_before = self._output.frames
         self._send(Mode.DISARM, now)
 
+    def disarm(self, now: int) -> None:
+        """Disarm the board, whatever it is doing."""
+        self.stop('disarmed on request', now, wanted=True)
+
     def effort(self, torque: float, now: int) -> None:
         """Take a torque wanted at the shoulder [N m]; it is sent at once when armed, else discarded."""
         if not math.isfinite(torque):
@@ -170,7 +175,7 @@ class Motor:
             self._send(Mode.TORQUE, now)
 
     def next_poll(self, now: int) -> int:
-        """Return how soon [ns] :meth:`poll` has to be called again: at the moment when the torque has to be 0."""
+        """Return how soon [ns] :meth:`.Host.poll` has to be called again: at the latest when the torque has to be 0."""
         # At least as often as the timeout, because an effort command may come meanwhile, and be the last one.
         regular = max(MS, min(10 * MS, self.watchdog_ns // 8, self._timeout))
         if not self.armed or self.effort_stopped:
