@@ -106,7 +106,7 @@ def refused(run):
 
 @pytest.fixture(params=['python', 'c'])
 def each_board(request, monkeypatch):
-    """The bridge's tests and fault trials on each board in turn; what they start as ``virtual_board`` is that one.
+    """Each board in turn, in Python and in C; what is started as ``virtual_board`` is that one.
 
     Only Python's begins elsewhere than hanging (--start, --spread), is late (--delay), has another rig's parameters
     (--parameters) or waits for its computer (--patient): no test of the bridge needs that, but those of nodes that

@@ -8,7 +8,6 @@ test_launched.py hands the plans to the real launch library, where that is insta
 
 import importlib
 import re
-from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -22,6 +21,7 @@ from pendubot_identification.formats.export import export
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.results.result_file import read_result
 from test.conftest import ROOT
+from test.nodes.conftest import written
 
 PACKAGE = 'pendubot_identification'
 PROGRAMS = 'bridge', 'recorder', 'exciter', 'player', 'identifier', 'virtual_board'
@@ -238,20 +238,18 @@ def test_the_view_describes_the_rig_and_shows_it_where_wanted(tmp_path):
         return files_and_values(only)[1]['robot_description']
 
     assert '<mass' not in described()
-    given = {name: {'value': value} for name, value in asdict(BALANCE).items()}
-    (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': given}))
-    assert described(parameters=str(tmp_path / 'rig.yaml')) == export(read_result(tmp_path / 'rig.yaml'), 'urdf')[0]
+    rig = written(tmp_path / 'rig.yaml', BALANCE)
+    assert described(parameters=str(rig)) == export(read_result(rig), 'urdf')[0]
     started = launch('view', rviz='true', plotjuggler='true')
     assert tuple(started) == OTHERS
     assert all(Path(started[name].arguments[1]).is_file() for name in OTHERS[1:])
 
 
 def test_a_replayed_bag_has_its_identified_rig_beside_it_as_a_ghost(tmp_path):
-    given = {name: {'value': value} for name, value in asdict(BALANCE).items()}
-    (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': 1, 'parameters': given}))
-    started = launch('replay', bag=BAG, parameters=str(tmp_path / 'rig.yaml'))
+    rig = str(written(tmp_path / 'rig.yaml', BALANCE))
+    started = launch('replay', bag=BAG, parameters=rig)
     assert list(started) == ['player', 'robot_state_publisher', 'ghost_state_publisher']
-    assert files_and_values(started['player'])[1]['ghost'] == str(tmp_path / 'rig.yaml')
+    assert files_and_values(started['player'])[1]['ghost'] == rig
     ghost = started['ghost_state_publisher']
     assert ghost.executable == 'robot_state_publisher'
     remapped = {('joint_states', 'ghost/joint_states'), ('robot_description', 'ghost/robot_description')}

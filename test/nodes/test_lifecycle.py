@@ -72,7 +72,6 @@ def test_a_node_that_cannot_be_configured_says_why_and_stays_as_it_was(manager, 
     assert (tmp_path / 'metadata.yaml').exists()
 
 
-@pytest.mark.usefixtures('each_board')
 def test_deactivating_the_bridge_disarms_and_only_an_active_bridge_is_armed(rig, manager):
     r = rig()
     r.start_board()
