@@ -30,14 +30,11 @@ REFUSED = [
     # Degrees are no radians.
     ('bridge', {'zero': '[-90.0, 0.0]'}, 'zero is -90.0; a list of numbers with decimal points from -7 to 7 rad is'),
     ('bridge', {'sign': '[1, 0]'}, 'sign holds a 0'),
-    ('bridge', {'torque_limit': -1.0}, 'torque_limit'),
     ('bridge', {'port': "''"}, 'port is empty'),
     ('bridge', {'joint_names': '[a, a]'}, 'different names'),
     ('exciter', {'amplitude_min': 1.0, 'amplitude_max': -1.0}, 'amplitude_min 1 is not below amplitude_max -1'),
     ('exciter', {'period': 'soon'}, 'period is soon'),
-    ('exciter', {'period': '.nan'}, 'period is nan'),
     ('recorder', {'output': '/dev/null/bag'}, 'cannot be written'),
-    ('recorder', {'output': '/'}, 'exists already; give another name'),
     ('recorder', {'topics': '["two words"]'}, 'a name such as joint_states is expected'),
     ('recorder', {'topics': '[""]'}, 'name at least one topic'),
     ('recorder', {'reserve': 2**60}, 'is not begun: its disk has'),
@@ -45,7 +42,6 @@ REFUSED = [
     ('player', {'bag': "''"}, 'bag is empty; give the folder of a bag'),
     ('player', {'bag': '/nowhere'}, 'there is no bag /nowhere'),
     ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
-    ('player', {'bag': f'{BAG}@5'}, 'names no window of a bag'),
     ('player', {'bag': BAG, 'topics': '[/other]'}, 'holds nothing on /other; its topics are /joint_states'),
 ]
 #: Runs them one after the other in one process, for most of the time Python would take to start; and says of each how
