@@ -56,18 +56,13 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Armed:
-    """Arming succeeded: the board says that it is armed."""
+class ArmingEnded:
+    """The board says that it is armed; or arming failed, or was given up, for a reason."""
+
+    reason: str = ''
 
 
-@dataclass(frozen=True, slots=True)
-class ArmingFailed:
-    """Arming failed, or was given up, for this reason."""
-
-    reason: str
-
-
-HostEvent = Sample | Report | Armed | ArmingFailed
+HostEvent = Sample | Report | ArmingEnded
 
 
 @dataclass(slots=True)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from pendubot_identification.level import Level
 
 from .clock import MS, SECOND, WRAP, BoardClock
-from .events import ArmingFailed, HostConfig, Output, Report, Sample
+from .events import ArmingEnded, HostConfig, Output, Report, Sample
 from .joints import Joints
 from .limits import LimitMonitor
 from .motor import DISOBEYED, REPEAT_INTERVAL, Motor, names
@@ -151,8 +151,6 @@ class Host:
             return Report(Level.ERROR, names(status & _FAULTS))
         if wrong := self._unusable or self._contradiction():
             return Report(Level.ERROR, wrong)
-        if self.hello is None:
-            return Report(Level.WARN, 'waiting for the board to say HELLO')
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if not self.armed and (obstacle := self._obstacle(now)):
@@ -235,11 +233,11 @@ class Host:
         self.motor.poll(now)
 
     def arm(self, now: int) -> None:
-        """Begin to arm; :class:`Armed` or :class:`ArmingFailed` follows, here or within 0.5 s."""
+        """Begin to arm; :class:`.events.ArmingEnded` follows, here or within 0.5 s."""
         if not self._up or self.state is None:
-            self.output.emit(ArmingFailed(f'no board: {self.condition(now).text}'))
+            self.output.emit(ArmingEnded(f'no board: {self.condition(now).text}'))
         elif not self.armed and (obstacle := self._obstacle(now)):
-            self.output.emit(ArmingFailed(obstacle))
+            self.output.emit(ArmingEnded(obstacle))
         else:
             self.motor.arm(self.state, now)
 

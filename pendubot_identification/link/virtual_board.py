@@ -146,7 +146,6 @@ class VirtualBoard:
         self._rng = np.random.default_rng(seed)
         self._elapsed_us = 0
         self._origin = (0, 0)
-        self._stuck: int | None
         self._held = held
         self._first: bytes
         self._boot(1, self.settings.clock_start_us)
@@ -220,7 +219,7 @@ class VirtualBoard:
         self._lock = 1
         self._refused = 0
         self._zeroed = False
-        self._stuck = None
+        self._stuck: int | None = None
         self._latched = 0  # why it was disarmed, until a mode 0 or the next arming
         self._booted_us = self._elapsed_us
         self._wanted = 0

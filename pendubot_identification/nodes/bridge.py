@@ -21,7 +21,7 @@ from std_msgs.msg import Float64
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.level import Level
-from pendubot_identification.link.events import Armed, ArmingFailed, HostConfig, Report, Sample
+from pendubot_identification.link.events import ArmingEnded, HostConfig, Report, Sample
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
@@ -168,7 +168,7 @@ class Bridge(ManagedNode):
                     if isinstance(event, Report):
                         self._health.note(event)
                         self.log(event.level, event.text)
-                    elif isinstance(event, (Armed, ArmingFailed)):
+                    elif isinstance(event, ArmingEnded):
                         while self._arming:
                             self.answer(self._arming.pop(), event)
             for event in events:
@@ -218,7 +218,7 @@ class Bridge(ManagedNode):
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
         if (self._host.armed or self._arming) and (rivals := name_rivals(self, *self._commands)):
             self._logged_rivals = rivals
-            self._host.output.emit(ArmingFailed(rivals))
+            self._host.output.emit(ArmingEnded(rivals))
             self._host.output.report(Level.ERROR, f'disarmed: {rivals}; then arm again')
             self._host.motor.disarm(now)
 
@@ -252,10 +252,10 @@ class Bridge(ManagedNode):
     async def _on_arm(self) -> tuple[bool, str]:
         future = Future()
         self._step(lambda now: self._arm(future, now))
-        outcome: Armed | ArmingFailed = await future
-        message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'
+        outcome: ArmingEnded = await future
+        message = outcome.reason or 'armed'
         self.get_logger().info(f'arming: {message}')
-        return isinstance(outcome, Armed), message
+        return not outcome.reason, message
 
     def _arm(self, future: Future, now: int) -> None:
         self._arming.append(future)
@@ -264,7 +264,7 @@ class Bridge(ManagedNode):
             obstacle = f'the bridge is inactive; call ros2 lifecycle set {self.get_fully_qualified_name()} activate'
         # Not while it ends: the last message to the board has to be the disarm.
         if obstacle or self.ended.is_set():
-            self._host.output.emit(ArmingFailed(obstacle or 'the bridge is ending'))
+            self._host.output.emit(ArmingEnded(obstacle or 'the bridge is ending'))
         else:
             self._host.arm(now)
 

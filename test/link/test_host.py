@@ -16,7 +16,7 @@ import pytest
 
 from pendubot_identification.level import Level
 from pendubot_identification.link.clock import MS, WRAP
-from pendubot_identification.link.events import Armed, ArmingFailed, Report, Sample
+from pendubot_identification.link.events import ArmingEnded, Report, Sample
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host, HostConfig
 from pendubot_identification.link.protocol import (
@@ -101,7 +101,7 @@ class Wire:
 
     def refusal(self):
         """Return why the motor is not armed."""
-        return only(self.arm(), ArmingFailed)[0].reason
+        return only(self.arm(), ArmingEnded)[0].reason
 
 
 # Start
@@ -250,7 +250,7 @@ def test_arming_fails_at_once_without_port_board_or_hello_and_in_a_fault():
     wire.arm()
     # It asked the board to forget a fault that may be over, and waits for the answer.
     events = wire.state(status=Status.EMERGENCY_STOP, cmd_seq=wire.sent()[-1].seq, lock=2)
-    assert 'emergency stop' in only(events, ArmingFailed)[0].reason
+    assert 'emergency stop' in only(events, ArmingEnded)[0].reason
 
 
 def test_arming_fails_after_half_a_second_and_ends_disarmed():
@@ -259,7 +259,7 @@ def test_arming_fails_after_half_a_second_and_ends_disarmed():
     begun = wire.now
     wire.arm()
     while not failed:
-        failed = only(wire.state() + wire.wait(0), ArmingFailed)
+        failed = only(wire.state() + wire.wait(0), ArmingEnded)
     assert wire.now - begun == 500 * MS
     assert wire.sent()[-1].mode == Mode.DISARM
 
@@ -271,13 +271,13 @@ def test_a_state_from_before_this_arming_does_not_count():
     (disarm,) = wire.sent()
     assert disarm.mode == Mode.DISARM, 'a board that somebody else left armed'
     wire.arm()
-    assert only(wire.state(status=Status.ARMED, cmd_seq=9999), Armed) == []
+    assert only(wire.state(status=Status.ARMED, cmd_seq=9999), ArmingEnded) == []
     assert wire.sent() == [], 'the board has to be disarmed first'
     wire.state(cmd_seq=disarm.seq, lock=2)
     (request,) = wire.sent(Arm)
     assert (request.lock, request.boot_id) == (2, HELLO.boot_id)
-    assert only(wire.state(status=Status.ARMED, cmd_seq=request.seq, lock=2), Armed) == [Armed()]
-    assert wire.arm() == [Armed()], 'it is armed already'
+    assert only(wire.state(status=Status.ARMED, cmd_seq=request.seq, lock=2), ArmingEnded) == [ArmingEnded()]
+    assert wire.arm() == [ArmingEnded()], 'it is armed already'
 
 
 # Who owns the motor
