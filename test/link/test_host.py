@@ -432,19 +432,6 @@ def test_the_board_is_told_of_confirmed_zeros_until_it_says_so_and_what_it_says_
     assert wire.arm() == []
 
 
-@pytest.mark.parametrize(('samples', 'longest_ms'), [(2, 500), (13, 100)])
-def test_an_armed_link_is_not_silent_for_long_whatever_hello_says(samples, longest_ms):
-    """After ten samples the period is the one that they show."""
-    wire = Wire(hello=replace(HELLO, sample_period_us=1_000_000)).armed()
-    wire.states(samples - 2, **wire.obeyed)
-    for _ in range(longest_ms // 10):
-        wire.wait(10)
-    assert wire.host.armed
-    wire.wait(10)
-    assert not wire.host.armed
-    assert wire.sent(Command)[-1].mode == Mode.DISARM
-
-
 def test_a_wrong_time_is_counted_and_a_wrong_rate_is_told_within_a_second():
     wire, health = Wire(), Health()
     for k in range(1, 200):
@@ -551,21 +538,32 @@ def test_it_disarms_reports_once_and_stays_disarmed_until_told_again(happens, to
     wire.armed(cmd_seq=disarm.seq, lock=2)
 
 
+SLOW = replace(HELLO, sample_period_us=1_000_000)
+
+
 @pytest.mark.parametrize(
-    ('config', 'hello', 'longest_ms'),
+    ('config', 'hello', 'armed_samples', 'longest_ms'),
     [
-        (HostConfig(), HELLO, 100),
-        (HostConfig(), replace(HELLO, sample_period_us=100_000), 500),
-        (HostConfig(link_timeout=1.0), HELLO, 1000),
+        (HostConfig(), HELLO, 0, 100),
+        (HostConfig(), replace(HELLO, sample_period_us=100_000), 0, 500),
+        (HostConfig(link_timeout=1.0), HELLO, 0, 1000),
+        # However slow HELLO says that it is; after ten samples the period is the one that they show.
+        (ASSUMED, SLOW, 2, 500),
+        (ASSUMED, SLOW, 13, 100),
     ],
 )
-def test_a_link_may_be_silent_for_100_ms_five_periods_or_as_configured(config, hello, longest_ms):
+def test_a_link_is_silent_for_100_ms_five_periods_or_as_configured_and_an_armed_one_not_for_long(
+    config, hello, armed_samples, longest_ms
+):
     wire = Wire(config, hello)
+    if armed_samples:
+        wire.armed().states(armed_samples - 2, **wire.obeyed)
     for _ in range(longest_ms // 10):
         wire.wait(10)
-    assert wire.host.link == 'up'
+    assert (wire.host.link, wire.host.armed) == ('up', armed_samples > 0)
     wire.wait(10)
-    assert wire.host.link == 'silent'
+    assert (wire.host.link, wire.host.armed) == ('silent', False)
+    assert not armed_samples or wire.sent(Command)[-1].mode == Mode.DISARM
 
 
 def test_a_board_that_answers_but_does_not_sample_is_lost_once():
@@ -594,19 +592,15 @@ def test_a_program_that_was_held_up_reads_first_before_it_calls_the_link_lost():
 def test_a_closed_port_disarms_and_needs_a_new_hello(boot_id):
     """Of the board that was there before, which is still armed, or of one that had no power meanwhile."""
     wire, restarted = Wire().armed(), boot_id != HELLO.boot_id
-    wire.effort(0.5)
     wire.do(wire.host.closed, 'the port was lost')
-    wire.do(wire.host.motor.disarm)
     assert wire.host.condition(0) == Report(Level.ERROR, 'the port was lost')
     assert wire.sent() == []
-    wire.host.opened(wire.now)
+    wire.do(wire.host.opened)
     assert not only(wire.state(50, **{} if restarted else wire.obeyed), Sample)
-    assert wire.host.counters.unscaled == 1
     (disarm,) = wire.sent(Command)
     assert disarm.mode == Mode.DISARM
     wire.hear(replace(HELLO, seq=51, boot_id=boot_id))
     wire.state(52, cmd_seq=disarm.seq, lock=2)
-    assert (wire.host.link, wire.host.armed) == ('up', False)
     assert (wire.host.counters.restarts, wire.host.counters.lost) == (restarted, 0)
     assert wire.host.condition(0) == Report(Level.WARN, 'disarmed: the link was lost; arm again when it is safe')
     wire.armed(cmd_seq=disarm.seq, lock=2)
