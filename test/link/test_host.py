@@ -423,7 +423,7 @@ def test_the_board_is_told_of_confirmed_zeros_until_it_says_so_and_what_it_says_
     assert wire.host.confirm_zeros(wire.now)[0]
     wire.states(6)
     wire.states(4, status=Status.ZEROED)
-    assert {(c.mode, c.session) for c in wire.sent()} == {(Mode.CONFIRM_ZEROS, HELLO.boot_id)}
+    assert [(c.mode, c.session) for c in wire.sent()] == 2 * [(Mode.CONFIRM_ZEROS, HELLO.boot_id)]
     wire.hear(replace(HELLO, seq=170, boot_id=78))
     wire.state(171, 1000)
     wire.hear(replace(HELLO, seq=172, boot_id=78))
@@ -531,8 +531,9 @@ def test_it_disarms_reports_once_and_stays_disarmed_until_told_again(happens, to
     events = happens(wire)
     assert not wire.host.armed
     disarm = next(command for command in wire.sent(Command) if command.mode == Mode.DISARM)
-    events += wire.states(60, cmd_seq=disarm.seq, lock=2)
+    events += wire.do(wire.host.motor.effort, 0.5) + wire.states(60, cmd_seq=disarm.seq, lock=2)
     assert not wire.host.armed
+    assert Mode.TORQUE not in [command.mode for command in wire.sent(Command)]
     assert len([text for text in texts(events) if text.startswith(told)]) == 1
     assert {name: getattr(wire.host.counters, name) for name in counted} == counted
     wire.armed(cmd_seq=disarm.seq, lock=2)
