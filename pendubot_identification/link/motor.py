@@ -69,7 +69,6 @@ class Motor:
         self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
         self._last_foreign = -SECOND
         self._torque = 0
-        self._effort_not_finite = False
         self._last_effort = 0
         self._last_sent = 0
         self._last_torque_sent = -SECOND
@@ -129,13 +128,11 @@ class Motor:
         """Take a torque wanted at the shoulder [N m]; it is sent at once when armed, else discarded."""
         if not math.isfinite(torque):
             self._counters.not_finite += 1
-            if not self._effort_not_finite:
+            if self._output.is_new('not finite', now):
                 text = f'an effort command of {torque} came; only finite torques are sent: disarming'
                 self._output.report(Level.ERROR, text)
-            self._effort_not_finite = True
             self.stop('an effort command was not finite', now, wanted=True)
             return
-        self._effort_not_finite = False
         if not self.armed or self.board is None:
             self._counters.discarded += 1
             return

@@ -108,7 +108,7 @@ class Bridge(ManagedNode):
             self.create_subscription(JointState, JOINT_COMMANDS, self._on_joint_command, 1),
         )
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
-        self._stale, self._was_stale = 0, False
+        self._stale = 0
         self._logged_rivals = ''  # the sentence about rivals that was logged last
         # Arming takes a while: effort commands are discarded meanwhile, not kept for later.
         self.serve('~/arm', self._on_arm)
@@ -239,12 +239,11 @@ class Bridge(ManagedNode):
         """Hand a torque [N m] to the host unless it is too old, as after this program was stopped for a while."""
         self._disarm_if_contested(now)
         age = self._command_age.measure(sent_ns, time.time_ns())
-        was_stale, self._was_stale = self._was_stale, age > self._command_timeout
-        if not self._was_stale:
+        if age <= self._command_timeout:
             self._host.motor.effort(torque, now)
             return
         self._stale += 1
-        if not was_stale:
+        if self._host.output.is_new('stale', now):
             text = f'an effort command was {age:.2f} s old and was not applied; '
             text += f'at most {self._command_timeout:g} s (command_timeout) are allowed'
             self._host.output.report(Level.WARN, text)
