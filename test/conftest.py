@@ -17,11 +17,14 @@ import pytest
 
 
 def own_domain():
-    """Return a domain that no other process of tests on this machine has, and what keeps it while this one lives."""
+    """Return a domain that no other process of tests on this machine has, and what keeps it while this one lives.
+
+    By the port that ROS's own domain_coordinator takes for it, too.
+    """
     for domain in random.sample(range(1, 101), 100):
-        keeper = socket.socket(socket.AF_UNIX)
+        keeper = socket.socket()
         with contextlib.suppress(OSError):
-            keeper.bind(f'\0pendubot-test-domain-{domain}')
+            keeper.bind(('', 32768 + domain))
             return domain, keeper
     raise RuntimeError('a hundred processes test on this machine; wait until one has ended')
 
