@@ -72,7 +72,10 @@ def ros():
 
     # A signal that a test raises here is not to shut it down for those that follow.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    # Or between two tests a demo would find this domain empty, and take it.
+    node = rclpy.create_node('tests')
     yield rclpy
+    node.destroy_node()
     rclpy.try_shutdown()
 
 
