@@ -7,10 +7,14 @@ import math
 import time
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float64MultiArray
 
 from pendubot_identification.control.plan import HELD, deviation
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, NAMES
 from pendubot_identification.model.simulation import HANGING
+from pendubot_identification.nodes.messages import LATCHED, parameters_message, status_message
 from test.processes import spin_until
 from test.rig import ARMED, Rig
 
@@ -21,14 +25,9 @@ class LiveRig(Rig):
     """A rig with the parameters ``BALANCE``; what truly happened is in the board's trace, one for each board."""
 
     def __init__(self, folder, rate=200):
-        from diagnostic_msgs.msg import DiagnosticArray
-        from std_msgs.msg import Float64MultiArray
-
-        from pendubot_identification.nodes.messages import LATCHED
-
         super().__init__(folder, rate, '--preset', 'balance', '--counts', COUNTS)
         self.boards = 0
-        self.params = self.node.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
+        self.identified = self.node.create_publisher(Float64MultiArray, '/pendubot/params', LATCHED)
         self.identification = self.node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
 
     def start_board(self, *options, start='upright', spread=0.1, delay=0.004, seed=1):
@@ -40,13 +39,10 @@ class LiveRig(Rig):
 
     def publish(self, rig=BALANCE, level=0, message='identified', delay=0.004):
         """Do as the identifier would with these parameters, or with a vector of them."""
-        from pendubot_identification.level import Level
-        from pendubot_identification.nodes.messages import parameters_message, status_message
-
         theta = np.array(rig.vector() if hasattr(rig, 'vector') else rig)
         values = dict(zip(NAMES, theta, strict=False)) | {'effort.delay': delay}
         self.identification.publish(status_message(self.node, 'x', Level(level), message, values))
-        self.params.publish(parameters_message(theta))
+        self.identified.publish(parameters_message(theta))
 
     def said(self):
         """The balancer's diagnoses."""

@@ -7,37 +7,34 @@ import time
 from functools import cached_property
 
 import numpy as np
+import rclpy
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from pendubot_identification.link.protocol import Status
-from test.processes import Program, call, spin_until
+from test.nodes.observer import Observer, values
+from test.processes import Program, spin_until
 
 ARMED, WATCHDOG = int(Status.ARMED), int(Status.WATCHDOG)
 #: Timeouts that outlast what else a busy machine does, where they are not what is tested.
 PATIENT = 'watchdog_ms:=500', 'link_timeout:=2.0', 'command_timeout:=1.0'
 
 
-class Rig:
+class Rig(Observer):
     """Both programs, a node that listens to all that the bridge says, and the board's own trace."""
 
     def __init__(self, folder, rate, *board_options):
-        import rclpy
-        from diagnostic_msgs.msg import DiagnosticArray
-        from rclpy.qos import QoSProfile
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import Float64
-        from std_srvs.srv import Trigger
-
+        super().__init__(rclpy)
         self.port, self.trace_file = folder / 'board', folder / 'trace.csv'
         #: Where the bridge finds the board, if not at its own port.
         self.bridge_port = None
         self.board_options = ('--link', self.port, '--rate', rate, *board_options)
-        self.programs, self.samples = [], []
-        #: What is said on /diagnostics, of the bridge and of all.
-        self.diagnoses, self.statuses = [], []
+        #: ``diagnoses`` are the bridge's statuses.
+        self.programs, self.samples, self.diagnoses = [], [], []
         self.float64, self.trigger = Float64, Trigger
-        self.node = rclpy.create_node('listener')
         self.node.create_subscription(JointState, '/joint_states', self._on_sample, QoSProfile(depth=1000))
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
 
     @cached_property
     def effort_publisher(self):
@@ -51,7 +48,7 @@ class Rig:
         self.samples.append((time.time_ns(), stamp, *joints))
 
     def _on_diagnostics(self, array):
-        self.statuses += array.status
+        super()._on_diagnostics(array)
         self.diagnoses += [status for status in array.status if status.name == 'bridge']
 
     def start(self, name, *words, before=()):
@@ -84,11 +81,7 @@ class Rig:
 
     def call(self, service):
         """Call a service by its name, or one of the bridge."""
-        client = self.node.create_client(self.trigger, service if service[0] == '/' else f'/bridge/{service}')
-        try:
-            return call(self.node, client, self.trigger.Request())
-        finally:
-            self.node.destroy_client(client)
+        return super().call(self.trigger, service if service[0] == '/' else f'/bridge/{service}')
 
     def effort(self, torque):
         self.effort_publisher.publish(self.float64(data=torque))
@@ -110,7 +103,7 @@ class Rig:
 
     def values(self):
         """What the bridge said last of itself: names and values as text."""
-        return {pair.key: pair.value for pair in self.diagnoses[-1].values}
+        return values(self.diagnoses[-1])
 
     def fresh_values(self):
         """The same, all of it after this moment."""

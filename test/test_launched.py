@@ -168,20 +168,6 @@ def test_launch_as_the_first_process_of_a_container_ends_in_order(rig, tmp_path,
     assert file.read_bytes().endswith(CLOSED), 'the recorder was killed'
 
 
-@pytest.mark.parametrize(
-    ('name', 'word', 'said'),
-    [
-        ('rig', 'amplitud:=0.05', 'nothing was started: this launch has no argument amplitud; is amplitude meant?'),
-        ('replay', 'bag:=/nowhere', 'nothing was started: there is no bag /nowhere; give a bag folder or a .mcap file'),
-    ],
-)
-def test_what_is_refused_starts_nothing(launched, name, word, said):
-    program = launched(name, REAL, word)
-    assert program.process.wait(30) == 1
-    program.wait_for(said)
-    assert 'process started' not in program.output
-
-
 #: A launch file of a user, with an argument of its own.
 USERS = f"""
 from launch import LaunchDescription

@@ -230,7 +230,8 @@ def damaged_offline(_, long):
         data = frame if k % 3 else damage(frame, rng)
         cut = int(rng.integers(len(data)))
         for part in (data[:cut], data[cut:]):
-            for event in host.receive(part, (k + 1) * MS):
+            host.receive(part, (k + 1) * MS)
+            for event in host.output.take_events():
                 if isinstance(event, Sample):
                     n = number_of(event.q)
                     wrong += not (is_numbered(event.q, event.effort) and k - 1 <= n <= k and n > last)

@@ -56,18 +56,13 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Armed:
-    """Arming succeeded: the board says that it is armed."""
+class ArmingEnded:
+    """The board says that it is armed; or arming failed, or was given up, for a reason."""
+
+    reason: str = ''
 
 
-@dataclass(frozen=True, slots=True)
-class ArmingFailed:
-    """Arming failed, or was given up, for this reason."""
-
-    reason: str
-
-
-HostEvent = Sample | Report | Armed | ArmingFailed
+HostEvent = Sample | Report | ArmingEnded
 
 
 @dataclass(slots=True)
@@ -100,7 +95,7 @@ class Counters:
 
 
 class Output:
-    """What leaves a host, until it is taken: events, and frames while the port is ``open``; and its counters.
+    """Events and, while the port is ``open``, frames that leave a host, until they are taken; and its counters.
 
     ``seq`` is the number of the last frame, ``frames`` how many there were.
     """
@@ -130,6 +125,11 @@ class Output:
         """Return all events since the last call."""
         events, self._events = self._events, []
         return events
+
+    def take_data(self) -> bytes:
+        """Return all that has to be written to the port since the last call."""
+        data, self.data = self.data, b''
+        return data
 
     def send(self, message: type[HelloRequest | Command | Arm], now: int, **fields: int) -> None:
         """Send a message of these fields under the next number, at ``now`` [ns]; a closed port takes nothing."""

@@ -4,12 +4,11 @@
 """The host's side of the protocol as a state machine: bytes and time in, samples, reports and bytes out.
 
 Nothing here reads a clock or a port. Every method that something can follow from takes the present time ``now`` [ns, of
-any clock that never goes back] and returns events; what has to be written to the board is fetched by
-:meth:`Host.data_to_send` afterwards.
+any clock that never goes back]. Its events, and the bytes for the board, are taken from :attr:`Host.output` afterwards.
 
 A STATE's way: :meth:`Host.receive` has the bytes decoded, its number is checked, it is compared with what was sent
 (``motor``), its time is mapped to the host's (``clock``), the limits are checked (``limits``), its counts become
-positions and velocities (``joints``), and a :class:`.events.Sample` is returned.
+positions and velocities (``joints``), and a :class:`.events.Sample` leaves.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from dataclasses import dataclass, replace
 from pendubot_identification.level import Level
 
 from .clock import MS, SECOND, WRAP, BoardClock
-from .events import ArmingFailed, HostConfig, HostEvent, Output, Report, Sample
+from .events import ArmingEnded, HostConfig, Output, Report, Sample
 from .joints import Joints
 from .limits import LimitMonitor
 from .motor import DISOBEYED, REPEAT_INTERVAL, Motor, names
@@ -66,20 +65,22 @@ class Host:
             numbers from 1 on, which is good for simulations alone.
 
     Attributes:
+        motor: it takes torques and disarms.
+        output: events and bytes that leave.
         state: the last STATE that was accepted; None before the first.
     """
 
     def __init__(self, config: HostConfig | None = None, new_session: Callable[[], int] | None = None) -> None:
         self.config = config or HostConfig()
-        self._output = Output()
+        self.output = Output()
         if new_session is not None:
             # Two hosts on one port number their frames differently.
-            self._output.seq = new_session() & 0xFFFF
-        self.counters = self._output.counters
+            self.output.seq = new_session() & 0xFFFF
+        self.counters = self.output.counters
         self.clock = BoardClock()
         self._decoder = Decoder()
-        self._joints = Joints(self.config, self._output)
-        self._motor = Motor(self.config, self._output, new_session)
+        self._joints = Joints(self.config, self.output)
+        self.motor = Motor(self.config, self.output, new_session)
         # The link
         self._closed_because = 'the port was not opened yet'
         self._heard = False
@@ -112,24 +113,24 @@ class Host:
         self._rest: tuple[int, int, int] | None = None  # counts near which the rig is, and since when [us, board time]
         self.clock.restart()
         self._joints.restart()
-        self._motor.restarted()
+        self.motor.restarted()
 
     # What can be asked at any time
 
     @property
     def armed(self) -> bool:
         """Whether the board is armed and commanded by this host."""
-        return self._motor.armed
+        return self.motor.armed
 
     @property
     def hello(self) -> Hello | None:
         """What the board said about itself; None before it did."""
-        return self._motor.board
+        return self.motor.board
 
     @property
     def link(self) -> str:
         """``up``, ``silent`` (the port is open, but nothing valid comes), or ``closed``."""
-        if not self._output.open:
+        if not self.output.open:
             return 'closed'
         return 'up' if self._up else 'silent'
 
@@ -137,71 +138,58 @@ class Host:
         """Return how long ago [s] the last STATE came; NaN before the first."""
         return (now - self._state_arrival) / SECOND if self.state else math.nan
 
-    def next_poll(self, now: int) -> float:
-        """Return how soon [s] :meth:`poll` has to be called again, whatever else is called in between."""
-        return self._motor.next_poll(now) / SECOND
-
     def condition(self, now: int) -> Report:
         """Return the worst of what is wrong now, or whether it is armed when all is well."""
         status = self.state.status if self.state else 0
-        if not self._output.open:
+        if not self.output.open:
             return Report(Level.ERROR, self._closed_because)
         if not self._up:
             return Report(Level.ERROR, self._version_text() or 'no valid sample comes from the board')
-        if self._motor.disobeyed:
+        if self.motor.disobeyed:
             return Report(Level.ERROR, DISOBEYED)
         if status & _FAULTS:
             return Report(Level.ERROR, names(status & _FAULTS))
         if wrong := self._unusable or self._contradiction():
             return Report(Level.ERROR, wrong)
-        if self.hello is None:
-            return Report(Level.WARN, 'waiting for the board to say HELLO')
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if not self.armed and (obstacle := self._obstacle(now)):
             return Report(Level.WARN, f'disarmed, and not to be armed: {obstacle}')
-        if self._motor.effort_stopped:
+        if self.motor.effort_stopped:
             return Report(Level.WARN, 'armed at torque 0: no effort command comes')
-        if self._motor.lost:
-            return Report(Level.WARN, f'disarmed: {self._motor.lost}; arm again when it is safe')
+        if self.motor.lost:
+            return Report(Level.WARN, f'disarmed: {self.motor.lost}; arm again when it is safe')
         if rate := self._rate_text():
             return Report(Level.WARN, rate)
         return Report(Level.OK, 'armed' if self.armed else 'disarmed')
 
-    def data_to_send(self) -> bytes:
-        """Return all that has to be written to the port since the last call."""
-        data, self._output.data = self._output.data, b''
-        return data
-
     # The link
 
-    def opened(self, now: int) -> list[HostEvent]:
+    def opened(self, now: int) -> None:
         """Note that the port was opened; ask who is there: it need not be the board that was there before."""
         self._decoder = Decoder()
         self._seq = None
-        self._output.open = True
+        self.output.open = True
         # A delimiter, or a frame that another host left unfinished would take the first one along.
-        self._output.data = b'\0'
+        self.output.data = b'\0'
         self._up, self._fell_silent = False, False
         self._other_version = 0
-        self._motor.board = None
+        self.motor.board = None
         self._unanswered = 0
         self._ask(now)
-        return self._output.take_events()
 
-    def closed(self, reason: str, now: int) -> list[HostEvent]:
+    def closed(self, reason: str, now: int) -> None:
         """Note that the port failed or could not be opened; ``reason`` is a sentence for the user."""
         # Not reported again where it fails for the same reason before anything was heard.
         if self._heard or reason != self._closed_because:
-            self._output.report(Level.ERROR, reason)
+            self.output.report(Level.ERROR, reason)
         self.counters.link_losses += self._up
-        self._output.open, self._up, self._heard = False, False, False
+        self.output.open, self._up, self._heard = False, False, False
         self._closed_because = reason
-        self._motor.stop('the link was lost', now)
-        self._output.data = b''
-        return self._output.take_events()
+        self.motor.stop('the link was lost', now)
+        self.output.data = b''
 
-    def receive(self, data: bytes, now: int) -> list[HostEvent]:
+    def receive(self, data: bytes, now: int) -> None:
         """Take bytes that arrived at ``now`` [ns]."""
         for event in self._decoder.feed(data):
             if isinstance(event, Damaged):
@@ -209,54 +197,49 @@ class Host:
                 damaged[event.reason] = damaged.get(event.reason, 0) + 1
                 if event.version and event.version != self._other_version:
                     self._other_version = event.version
-                    self._output.report(Level.ERROR, self._version_text())
+                    self.output.report(Level.ERROR, self._version_text())
                 continue
             self.counters.received += 1
             self._heard = True
             self._last_valid = now
             if isinstance(event, State):
                 if self._fell_silent:
-                    self._output.report(Level.OK, 'the board is heard again')
+                    self.output.report(Level.OK, 'the board is heard again')
                 self._up, self._fell_silent = True, False
                 self._on_state(event, now)
             elif isinstance(event, Hello):
                 # A board that stopped sampling may still answer: after a silence only a sample shows that it is back.
                 self._up = not self._fell_silent
                 self._on_hello(event, now)
-        self._motor.poll(now)
-        return self._output.take_events()
+        self.motor.poll(now)
 
-    def poll(self, now: int) -> list[HostEvent]:
-        """Do what is due: requests, timeouts, repeated commands. To be called as soon as :meth:`next_poll` says."""
+    def poll(self, now: int) -> None:
+        """Do what is due: requests, timeouts, repeated commands. :meth:`.Motor.next_poll` says when to call it."""
         # After this program itself was held up, what came meanwhile has to be read before the link counts as lost.
         held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > SETTINGS.held_up
         self._last_poll, self._held_up = now, held_up
         if self._up and not held_up and now - self._last_valid > self._silence_ns:
             self._up, self._fell_silent = False, True
             self.counters.link_losses += 1
-            self._output.report(Level.ERROR, f'link lost: nothing valid for {(now - self._last_valid) / SECOND:.2f} s')
-            self._motor.stop('the link was lost', now)
+            self.output.report(Level.ERROR, f'link lost: nothing valid for {(now - self._last_valid) / SECOND:.2f} s')
+            self.motor.stop('the link was lost', now)
             self._seq = None
             self._ask(now)
-        elif self._output.open and self._asking and now - self._last_request >= SETTINGS.hello_interval:
+        elif self.output.open and self._asking and now - self._last_request >= SETTINGS.hello_interval:
             if self._unanswered == SETTINGS.unanswered:
                 text = f'the board did not answer {SETTINGS.unanswered} requests; check port, baud and wiring'
-                self._output.report(Level.WARN, text)
+                self.output.report(Level.WARN, text)
             self._ask(now)
-        self._motor.poll(now)
-        return self._output.take_events()
+        self.motor.poll(now)
 
-    # The motor
-
-    def arm(self, now: int) -> list[HostEvent]:
-        """Begin to arm; :class:`Armed` or :class:`ArmingFailed` follows, here or within 0.5 s."""
+    def arm(self, now: int) -> None:
+        """Begin to arm; :class:`.events.ArmingEnded` follows, here or within 0.5 s."""
         if not self._up or self.state is None:
-            self._output.emit(ArmingFailed(f'no board: {self.condition(now).text}'))
+            self.output.emit(ArmingEnded(f'no board: {self.condition(now).text}'))
         elif not self.armed and (obstacle := self._obstacle(now)):
-            self._output.emit(ArmingFailed(obstacle))
+            self.output.emit(ArmingEnded(obstacle))
         else:
-            self._motor.arm(self.state, now)
-        return self._output.take_events()
+            self.motor.arm(self.state, now)
 
     def confirm_zeros(self, now: int) -> tuple[bool, str]:
         """Take the angles of a rig at rest as right until the board restarts; return whether, and a sentence."""
@@ -274,7 +257,7 @@ class Host:
         """Have the board remember until it restarts that its zeros were confirmed, for other hosts too."""
         self._zeros_sent = now
         if self.hello is not None:
-            self._output.send(Command, now, mode=Mode.CONFIRM_ZEROS, session=self.hello.boot_id)
+            self.output.send(Command, now, mode=Mode.CONFIRM_ZEROS, session=self.hello.boot_id)
 
     def _obstacle(self, now: int) -> str:
         """Return why the motor must not be armed, and what to do; empty where it may be."""
@@ -285,7 +268,7 @@ class Host:
             return 'the board has not said HELLO yet'
         if contradiction := self._contradiction():
             return contradiction
-        if self._motor.contested(now):
+        if self.motor.contested(now):
             return 'another program sends commands to the board; end that program'
         limits = hello.limits
         for name, of_board, own in (
@@ -312,26 +295,6 @@ class Host:
             'the firmware that belongs to this bridge (docs/rig.md)'
         )
 
-    def disarm(self, now: int) -> list[HostEvent]:
-        """Disarm the board, whatever it is doing."""
-        self._motor.stop('disarmed on request', now, wanted=True)
-        return self._output.take_events()
-
-    def effort(self, torque: float, now: int) -> list[HostEvent]:
-        """Take a torque wanted at the shoulder [N m]; it is sent at once when armed, else discarded."""
-        self._motor.effort(torque, now)
-        return self._output.take_events()
-
-    @property
-    def torque_limit(self) -> float:
-        """The largest torque ever sent [N m]."""
-        return self._motor.torque_limit
-
-    def set_torque_limit(self, limit: float, now: int) -> list[HostEvent]:
-        """Change the largest torque ever sent [N m]; a torque beyond it is lowered at once."""
-        self._motor.set_torque_limit(limit, now)
-        return self._output.take_events()
-
     # What the board says
 
     def _on_state(self, state: State, now: int) -> None:
@@ -349,7 +312,7 @@ class Host:
             counters.board_damaged += bool(status & _DAMAGED_FRAME)
             counters.board_overruns += bool(status & _OVERRUN)
             counters.late_samples += bool(status & _LATE)
-        self._motor.follow(state, now)
+        self.motor.follow(state, now)
         board_us = self._board_time(state.t_us, now, frames)
         if self._limits is not None and self._board_us is not None:
             self._check_limits(state, board_us - self._board_us, applied, now)
@@ -364,7 +327,7 @@ class Host:
             counters.published += 1
             q, qd = sample
             stamp_ns = self.clock.stamp(self._state_taken)
-            self._output.emit(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
+            self.output.emit(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
 
     def _board_time(self, t_us: int, now: int, frames: int) -> int:
         """Return a sample's board time [us]; report a clock that is wrong."""
@@ -375,11 +338,11 @@ class Host:
         self.counters.irregular_stamps, self.counters.clock_jumps = clock.irregular, clock.jumps
         if clock.jumps > jumps:
             text = f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; look at its timer"
-            self._output.report(Level.WARN, text)
+            self.output.report(Level.WARN, text)
         if frames == 1 and clock.irregular == irregular and before is not None:
             self._steps.append(board_us - before)
-        if clock.wrong_rate and self._output.is_new('rate', now):
-            self._output.report(Level.WARN, self._rate_text())
+        if clock.wrong_rate and self.output.is_new('rate', now):
+            self.output.report(Level.WARN, self._rate_text())
         return board_us
 
     def _note_rest(self, state: State, board_us: int) -> None:
@@ -402,8 +365,8 @@ class Host:
         exceeded = self._limits.check(state, elapsed_us, applied)
         if exceeded and self.armed:
             text = f'a limit is exceeded ({names(exceeded)}), and the board does not switch off; correct its firmware'
-            self._output.report(Level.ERROR, text)
-            self._motor.stop(text, now)
+            self.output.report(Level.ERROR, text)
+            self.motor.stop(text, now)
 
     def _on_hello(self, hello: Hello, now: int) -> None:
         if self._boot_id is not None and hello.boot_id != self._boot_id:
@@ -417,11 +380,11 @@ class Host:
         self._asking = bool(self._unusable)
         if self._unusable:
             if self._unusable != before:
-                self._output.report(Level.ERROR, self._unusable)
+                self.output.report(Level.ERROR, self._unusable)
             return
         if self.hello is None or _introduction(hello) != _introduction(self.hello):
-            self._output.report(Level.OK, _introduction(hello))
-        self._motor.board = hello
+            self.output.report(Level.OK, _introduction(hello))
+        self.motor.board = hello
         if self._limits is None:
             self._limits = LimitMonitor(self._own_limits(hello.limits), self._counts_per_turn(hello))
 
@@ -487,8 +450,8 @@ class Host:
 
     def _restarted(self, reason: str, now: int) -> None:
         self.counters.restarts += 1
-        self._output.report(Level.WARN, f'the board restarted: {reason}')
-        self._motor.stop('the board restarted', now)
+        self.output.report(Level.WARN, f'the board restarted: {reason}')
+        self.motor.stop('the board restarted', now)
         self._forget_board()
         self._ask(now)
 
@@ -503,14 +466,14 @@ class Host:
         period_us = self._period_us or (self.hello.sample_period_us if self.hello else 0)
         periods = round(SETTINGS.silent_periods * period_us * 1000)
         if self.armed:
-            periods = min(periods, max(self._motor.watchdog_ns, SETTINGS.longest_unseen))
+            periods = min(periods, max(self.motor.watchdog_ns, SETTINGS.longest_unseen))
         return max(round(self.config.link_timeout * SECOND), periods)
 
     def _ask(self, now: int) -> None:
         self._asking = True
         self._unanswered += 1
         self._last_request = now
-        self._output.send(HelloRequest, now)
+        self.output.send(HelloRequest, now)
 
 
 def _introduction(hello: Hello) -> str:

@@ -12,13 +12,12 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Callable
-from enum import Enum, auto
 from itertools import count
 
 from pendubot_identification.level import Level
 
 from .clock import MS, SECOND
-from .events import Armed, ArmingFailed, HostConfig, Output
+from .events import ArmingEnded, HostConfig, Output
 from .protocol import FAULTS, Arm, Command, Hello, Mode, State, Status
 
 ARMING_TIMEOUT = 500 * MS
@@ -38,12 +37,6 @@ _ARMED, _WATCHDOG, _FAULTS = int(Status.ARMED), int(Status.WATCHDOG), int(FAULTS
 _SATURATED, _SLEW = int(Status.SATURATED), int(Status.SLEW)
 
 
-class _Phase(Enum):
-    DISARMED = auto()
-    ARMING = auto()
-    ARMED = auto()
-
-
 class Motor:
     """It starts disarmed and arms only by :meth:`arm`; any fault, trip, contradiction or :meth:`stop` disarms it.
 
@@ -51,14 +44,16 @@ class Motor:
         new_session: returns a number from 1 to 2^32 - 1 that no other host uses; it is called for every arming.
 
     Attributes:
+        armed: whether the board is armed and commanded by this host.
         board: what the board said about itself; None while it has not.
         effort_stopped: whether it is armed at torque 0 because no effort command comes.
+        torque_limit: the largest torque ever sent [N m].
         lost: why it is disarmed though nobody wanted that, in words; '' from the next arming on.
         disobeyed: whether the board goes on without obeying the request to disarm.
     """
 
     def __init__(self, config: HostConfig, output: Output, new_session: Callable[[], int] | None = None) -> None:
-        self.effort_stopped = False
+        self.armed = self.effort_stopped = False
         self.lost = ''
         self._config = config
         self._timeout = round(config.command_timeout * SECOND)
@@ -66,16 +61,14 @@ class Motor:
         self._output = output
         self._counters = output.counters
         self._new_session = new_session or count(1).__next__
-        self._phase = _Phase.DISARMED
         self._session = 0
-        self._arming_since = 0
+        self._arming_since: int | None = None
         self._lock: int | None = None  # what the ARM under way carries
         self._frames_before = 0  # the last disarming; what was sent since is this host's own
         self._arm_seq = 0  # number of the first ARM of this arming
         self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
         self._last_foreign = -SECOND
         self._torque = 0
-        self._effort_not_finite = False
         self._last_effort = 0
         self._last_sent = 0
         self._last_torque_sent = -SECOND
@@ -84,11 +77,6 @@ class Motor:
     def contested(self, now: int) -> bool:
         """Return whether another program sent commands to the board in the last second."""
         return now - self._last_foreign < SECOND
-
-    @property
-    def armed(self) -> bool:
-        """Whether the board is armed and commanded by this host."""
-        return self._phase is _Phase.ARMED
 
     @property
     def watchdog_ns(self) -> int:
@@ -107,9 +95,8 @@ class Motor:
     def arm(self, state: State, now: int) -> None:
         """Begin to arm a board that is heard; ``state`` is its last one."""
         if self.armed:
-            self._output.emit(Armed())
-        elif self._phase is _Phase.DISARMED:
-            self._phase = _Phase.ARMING
+            self._output.emit(ArmingEnded())
+        elif self._arming_since is None:
             self.lost = ''
             self._session = self._new_session()
             self._arming_since = now
@@ -120,12 +107,12 @@ class Motor:
 
     def stop(self, reason: str, now: int, wanted: bool = False) -> None:
         """Disarm; unless it was ``wanted``, losing an armed motor is reported."""
-        phase, self._phase = self._phase, _Phase.DISARMED
-        self._torque = 0
-        self.effort_stopped = False
-        if phase is _Phase.ARMING:
-            self._output.emit(ArmingFailed(reason))
-        elif phase is _Phase.ARMED and not wanted:
+        was_armed, arming_since = self.armed, self._arming_since
+        self.armed = self.effort_stopped = False
+        self._arming_since, self._torque = None, 0
+        if arming_since is not None:
+            self._output.emit(ArmingEnded(reason))
+        elif was_armed and not wanted:
             self.lost = reason
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
         if self._disarming_since is None:
@@ -133,17 +120,19 @@ class Motor:
             self._frames_before = self._output.frames
         self._send(Mode.DISARM, now)
 
+    def disarm(self, now: int) -> None:
+        """Disarm the board, whatever it is doing."""
+        self.stop('disarmed on request', now, wanted=True)
+
     def effort(self, torque: float, now: int) -> None:
         """Take a torque wanted at the shoulder [N m]; it is sent at once when armed, else discarded."""
         if not math.isfinite(torque):
             self._counters.not_finite += 1
-            if not self._effort_not_finite:
+            if self._output.is_new('not finite', now):
                 text = f'an effort command of {torque} came; only finite torques are sent: disarming'
                 self._output.report(Level.ERROR, text)
-            self._effort_not_finite = True
             self.stop('an effort command was not finite', now, wanted=True)
             return
-        self._effort_not_finite = False
         if not self.armed or self.board is None:
             self._counters.discarded += 1
             return
@@ -170,7 +159,7 @@ class Motor:
             self._send(Mode.TORQUE, now)
 
     def next_poll(self, now: int) -> int:
-        """Return how soon [ns] :meth:`poll` has to be called again: at the moment when the torque has to be 0."""
+        """Return how soon [ns] :meth:`.Host.poll` has to be called again: at the latest when the torque has to be 0."""
         # At least as often as the timeout, because an effort command may come meanwhile, and be the last one.
         regular = max(MS, min(10 * MS, self.watchdog_ns // 8, self._timeout))
         if not self.armed or self.effort_stopped:
@@ -181,7 +170,7 @@ class Motor:
         """Do what is due: repeat requests and commands, give arming up, command 0 where no effort command came."""
         if self._disarming_since is not None and self._output.open and now - self._last_sent >= REPEAT_INTERVAL:
             self._send(Mode.DISARM, now)
-        if self._phase is _Phase.ARMING and now - self._arming_since >= ARMING_TIMEOUT:
+        if self._arming_since is not None and now - self._arming_since >= ARMING_TIMEOUT:
             self.stop('the board did not say within 0.5 s that it is armed', now)
         elif not self.armed:
             return
@@ -204,10 +193,10 @@ class Motor:
             self._counters.trips += 1
             self._output.report(Level.WARN, "the board's watchdog tripped")
         self._count_refused(state, now)
-        if self._phase is _Phase.DISARMED:
-            self._follow_disarmed(state, risen, now)
-        elif self._phase is _Phase.ARMING:
+        if self._arming_since is not None:
             self._go_on_arming(state, now)
+        elif not self.armed:
+            self._follow_disarmed(state, risen, now)
         elif reason := self._contradiction(state):
             if not status & (_FAULTS | _WATCHDOG):
                 self._output.report(Level.ERROR, reason)
@@ -243,9 +232,9 @@ class Motor:
         if status & _FAULTS:
             self.stop(f'the board is in a fault: {names(status & _FAULTS)}', now)
         elif status & _ARMED and own and state.lock == self._lock:
-            self._phase = _Phase.ARMED
+            self.armed, self._arming_since = True, None
             self._last_effort = now
-            self._output.emit(Armed())
+            self._output.emit(ArmingEnded())
         elif self._lock is None:
             self._request(state.lock, now)
             self._arm_seq = self._output.seq

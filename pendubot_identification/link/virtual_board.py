@@ -71,9 +71,6 @@ class BoardSettings:
     def __post_init__(self) -> None:
         _expect('counts', self.counts, 4, 1 << 24)
         _expect('torque_limit', self.torque_limit, 0, 300)
-        _expect('sample_period_us', self.sample_period_us, 100, 1_000_000)
-        _expect('watchdog_max_ms', self.watchdog_max_ms, 1, 65535)
-        _expect('clock_start_us', self.clock_start_us, 0, WRAP - 1)
         for name, value in asdict(self.limits).items():
             short = name in ('stall_ms', 'continuous_ma', 'overload_ms', 'max_vbus')
             _expect(name, value, 0, 65535 if short else 0xFFFFFFFF)
@@ -146,7 +143,6 @@ class VirtualBoard:
         self._rng = np.random.default_rng(seed)
         self._elapsed_us = 0
         self._origin = (0, 0)
-        self._stuck: int | None
         self._held = held
         self._first: bytes
         self._boot(1, self.settings.clock_start_us)
@@ -220,7 +216,7 @@ class VirtualBoard:
         self._lock = 1
         self._refused = 0
         self._zeroed = False
-        self._stuck = None
+        self._stuck: int | None = None
         self._latched = 0  # why it was disarmed, until a mode 0 or the next arming
         self._booted_us = self._elapsed_us
         self._wanted = 0

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.level import Level
-from pendubot_identification.link.events import Armed, ArmingFailed, HostConfig, HostEvent, Report, Sample
+from pendubot_identification.link.events import ArmingEnded, HostConfig, Report, Sample
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host
 from pendubot_identification.link.serial_port import SerialPort
@@ -108,7 +108,7 @@ class Bridge(ManagedNode):
             self.create_subscription(JointState, JOINT_COMMANDS, self._on_joint_command, 1),
         )
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
-        self._stale, self._was_stale = 0, False
+        self._stale = 0
         self._logged_rivals = ''  # the sentence about rivals that was logged last
         # Arming takes a while: effort commands are discarded meanwhile, not kept for later.
         self.serve('~/arm', self._on_arm)
@@ -136,40 +136,39 @@ class Bridge(ManagedNode):
 
     def _allow(self, s: dict[str, Any]) -> None:
         """Refuse a larger torque limit while the motor is armed."""
-        if self.opened and self._host.armed and s['torque_limit'] > self._host.torque_limit:
+        if self.opened and self._host.armed and s['torque_limit'] > (limit := self._host.motor.torque_limit):
             raise ParameterError(
-                f'torque_limit is {self._host.torque_limit:g} N m, and is not raised while the motor is armed; call '
-                '~/disarm first'
+                f'torque_limit is {limit:g} N m, and is not raised while the motor is armed; call ~/disarm first'
             )
 
     def _change(self, s: dict[str, Any]) -> None:
         if self.opened:
-            self._step(partial(self._host.set_torque_limit, s['torque_limit']))
+            self._step(partial(self._host.motor.set_torque_limit, s['torque_limit']))
 
     def _deactivate(self) -> None:
         """Disarm; while it is inactive nothing is armed and no joint states are published."""
-        self._step(self._host.disarm)
+        self._step(self._host.motor.disarm)
 
     def _close(self) -> None:
         """Disarm the board, whatever the reason of the end, and close the port."""
         self._closing.set()
-        self._step(self._host.disarm)
+        self._step(self._host.motor.disarm)
         self._housekeeper.join(2.0)
         self._link.close()
 
-    def _step(self, action: Callable[[int], list[HostEvent]], now: int | None = None) -> None:
+    def _step(self, action: Callable[[int], object], now: int | None = None) -> None:
         """Let the host do something, from any thread; a failure ends the program, which disarms."""
         try:
             with self._lock:
-                events = action(time.monotonic_ns() if now is None else now)
-                if data := self._host.data_to_send():
+                action(time.monotonic_ns() if now is None else now)
+                if data := self._host.output.take_data():
                     self._link.write(data)
-                for event in events:
+                for event in (events := self._host.output.take_events()):
                     # Under the lock, so that the reports and answers of one thread cannot overtake those of another.
                     if isinstance(event, Report):
                         self._health.note(event)
                         self.log(event.level, event.text)
-                    elif isinstance(event, (Armed, ArmingFailed)):
+                    elif isinstance(event, ArmingEnded):
                         while self._arming:
                             self.answer(self._arming.pop(), event)
             for event in events:
@@ -193,10 +192,10 @@ class Bridge(ManagedNode):
         while not self._closing.wait(self._pause):
             self._step(self._poll)
 
-    def _poll(self, now: int) -> list[HostEvent]:
-        events = [*self._disarm_if_contested(now), *self._host.poll(now)]
-        self._pause = self._host.next_poll(now)
-        return events
+    def _poll(self, now: int) -> None:
+        self._disarm_if_contested(now)
+        self._host.poll(now)
+        self._pause = self._host.motor.next_poll(now) * 1e-9
 
     def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:
         with self._lock:
@@ -215,13 +214,13 @@ class Bridge(ManagedNode):
             d = self._health.diagnose(self._host, time.monotonic_ns())
         return d.level, d.message, d.values | {'stale': self._stale}
 
-    def _disarm_if_contested(self, now: int) -> list[HostEvent]:
+    def _disarm_if_contested(self, now: int) -> None:
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
-        if not (self._host.armed or self._arming) or not (rivals := name_rivals(self, *self._commands)):
-            return []
-        self._logged_rivals = rivals
-        report = Report(Level.ERROR, f'disarmed: {rivals}; then arm again')
-        return [ArmingFailed(rivals), report, *self._host.disarm(now)]
+        if (self._host.armed or self._arming) and (rivals := name_rivals(self, *self._commands)):
+            self._logged_rivals = rivals
+            self._host.output.emit(ArmingEnded(rivals))
+            self._host.output.report(Level.ERROR, f'disarmed: {rivals}; then arm again')
+            self._host.motor.disarm(now)
 
     def _on_effort(self, message: Float64, info: dict[str, Any]) -> None:
         self._step(lambda now: self._effort(message.data, info['source_timestamp'], now))
@@ -236,38 +235,40 @@ class Bridge(ManagedNode):
         if not math.isnan(torque):
             self._step(lambda now: self._effort(torque, info['source_timestamp'], now))
 
-    def _effort(self, torque: float, sent_ns: int, now: int) -> list[HostEvent]:
+    def _effort(self, torque: float, sent_ns: int, now: int) -> None:
         """Hand a torque [N m] to the host unless it is too old, as after this program was stopped for a while."""
-        contested = self._disarm_if_contested(now)
+        self._disarm_if_contested(now)
         age = self._command_age.measure(sent_ns, time.time_ns())
-        was_stale, self._was_stale = self._was_stale, age > self._command_timeout
-        if not self._was_stale:
-            return [*contested, *self._host.effort(torque, now)]
+        if age <= self._command_timeout:
+            self._host.motor.effort(torque, now)
+            return
         self._stale += 1
-        text = f'an effort command was {age:.2f} s old and was not applied; '
-        text += f'at most {self._command_timeout:g} s (command_timeout) are allowed'
-        return contested if was_stale else [*contested, Report(Level.WARN, text)]
+        if self._host.output.is_new('stale', now):
+            text = f'an effort command was {age:.2f} s old and was not applied; '
+            text += f'at most {self._command_timeout:g} s (command_timeout) are allowed'
+            self._host.output.report(Level.WARN, text)
 
     async def _on_arm(self) -> tuple[bool, str]:
         future = Future()
         self._step(lambda now: self._arm(future, now))
-        outcome: Armed | ArmingFailed = await future
-        message = outcome.reason if isinstance(outcome, ArmingFailed) else 'armed'
+        outcome: ArmingEnded = await future
+        message = outcome.reason or 'armed'
         self.get_logger().info(f'arming: {message}')
-        return isinstance(outcome, Armed), message
+        return not outcome.reason, message
 
-    def _arm(self, future: Future, now: int) -> list[HostEvent]:
+    def _arm(self, future: Future, now: int) -> None:
         self._arming.append(future)
-        if rivals := name_rivals(self, *self._commands):
-            return [ArmingFailed(rivals)]
+        obstacle = name_rivals(self, *self._commands)
         if not self.active:
-            name = self.get_fully_qualified_name()
-            return [ArmingFailed(f'the bridge is inactive; call ros2 lifecycle set {name} activate')]
+            obstacle = f'the bridge is inactive; call ros2 lifecycle set {self.get_fully_qualified_name()} activate'
         # Not while it ends: the last message to the board has to be the disarm.
-        return [ArmingFailed('the bridge is ending')] if self.ended.is_set() else self._host.arm(now)
+        if obstacle or self.ended.is_set():
+            self._host.output.emit(ArmingEnded(obstacle or 'the bridge is ending'))
+        else:
+            self._host.arm(now)
 
     async def _on_disarm(self) -> tuple[bool, str]:
-        self._step(self._host.disarm)
+        self._step(self._host.motor.disarm)
         if self._host.link == 'up':
             return True, 'disarmed'
         return False, f'no board to tell: {self._host.condition(time.monotonic_ns()).text}'
@@ -275,8 +276,7 @@ class Bridge(ManagedNode):
     async def _on_confirm_zeros(self) -> tuple[bool, str]:
         with self._lock:
             confirmed, message = self._host.confirm_zeros(time.monotonic_ns())
-            if data := self._host.data_to_send():
-                self._link.write(data)
+            self._link.write(self._host.output.take_data())
         self.get_logger().info(f'zeros: {message}')
         return confirmed, message
 

@@ -43,8 +43,8 @@ def own(*domains):
 
 
 @pytest.mark.ros
-def test_the_demo_is_alone_on_this_computer(ros):
-    somebody = ros.create_node('bridge')
+@pytest.mark.usefixtures('ros')
+def test_the_demo_is_alone_on_this_computer():
     taken = int(os.environ['ROS_DOMAIN_ID'])
     refused = own(taken)
     assert refused.returncode == 1
@@ -54,7 +54,6 @@ def test_the_demo_is_alone_on_this_computer(ros):
     assert (offered, domain, variables['ROS_DOMAIN_ID']) == (False, free, str(free))
     assert variables['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert not {*ELSEWHERE} & {*variables} - {'ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'}
-    somebody.destroy_node()
 
 
 def test_a_program_that_ends_early_is_named_with_its_last_words(tmp_path):

@@ -107,13 +107,6 @@ def running():
     return balancing
 
 
-def test_it_moves_from_armed_to_stop_and_not_a_sample_longer():
-    balancing = running()
-    balancing.stop()
-    assert upright(balancing, 1.015) is None
-    assert balancing.diagnosis()[0] is Level.OK
-
-
 @pytest.mark.parametrize(
     ('spoil', 'words'),
     [

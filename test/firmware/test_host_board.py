@@ -19,10 +19,8 @@ from .emulator import Line
     ('options', 'said'),
     [
         (['--rate', '0'], '--rate is 0; a number from 1 to 10000 is expected'),
-        (['--counts', 'many'], '--counts is many; a number from 4'),
         (['--fault', 'bit_flip=2'], 'bit_flip is 2; a number from 0 to 1 is expected'),
         (['--fault', 'rust=1'], 'no fault rust=1'),
-        (['--limit', 'max_speed=-1'], 'max_speed is -1; a number from 0 to 4.29497e+09 is expected'),
         (['--nonsense'], 'usage: pendubot_board'),
     ],
 )

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from pendubot_identification.link.protocol import Arm, Command, Decoder, Hello, HelloRequest, State, Status, encode
+from pendubot_identification.link.protocol import Arm, Command, Decoder, Hello, State, Status, encode
 from test.conftest import ROOT
 
 from .building import FIRMWARE, compiled
@@ -78,58 +78,42 @@ def sketch(program):
     sketch.close()
 
 
-def test_the_sketch_says_hello_arms_moves_and_lets_go_when_no_command_comes(sketch):
+def test_the_sketch_says_hello_counts_both_encoders_and_notices_an_edge_that_it_missed(sketch):
     events, pwm = sketch.wait(20)
-    hello = events[0]
-    states = [event for event in events if isinstance(event, State)]
-    assert isinstance(hello, Hello)
+    hello, *states = [event for event in events if isinstance(event, (Hello, State))]
     assert (hello.firmware, hello.sample_period_us, hello.limits.max_speed) == ('arduino 2', 2000, 60_000)
     assert [s.t_us for s in states[:3]] == [0, 2000, 4000]
     assert (states[-1].status, states[-1].vbus, pwm[0]) == (0, 2399, 0)
-    sketch.send(HelloRequest(1, 0))
-    assert any(isinstance(event, Hello) for event in sketch.wait(6)[0])
-    sketch.command(300_000)
-    assert sketch.state()[0].refused == 1
-    sketch.send(Arm(2, 0, hello.boot_id, SESSION, 1, 50))
-    sketch.command(300_000)
-    state, pwm = sketch.state()
-    # 3 V of 23.99 V, of 4095 steps.
-    assert (state.status, state.torque, pwm) == (Status.ARMED, 300_000, (512, 1))
-    sketch.command(-300_000)
-    state, pwm = sketch.state()
-    assert (state.torque, pwm) == (-300_000, (512, 0))
-    sketch.wait(60)
-    state, pwm = sketch.state()
-    assert (state.status, state.torque, pwm[0]) == (Status.WATCHDOG, 0, 0)
-
-
-def test_the_sketch_counts_both_encoders_and_notices_an_edge_that_it_missed(sketch):
     for a, b in (1, 0), (1, 1), (0, 1), (0, 0), (1, 0):
         sketch.tell(f'pin {SHOULDER_A} {a}', f'pin {SHOULDER_B} {b}')
         sketch.tell(f'pin {ELBOW_A} {b}', f'pin {ELBOW_B} {a}')
     state, _ = sketch.state()
     assert (state.enc1, state.enc2, state.status) == (-5, 5, 0)
-    sketch.tell(f'quietly {ELBOW_A} 1', f'pin {ELBOW_B} 0')
-    state, _ = sketch.state()
-    assert (state.enc2, state.status) == (5, 0)
-    sketch.tell(f'quietly {ELBOW_A} 0', f'pin {ELBOW_B} 1')
+    sketch.tell(f'quietly {ELBOW_A} 1', f'pin {ELBOW_B} 0', f'quietly {ELBOW_A} 0', f'pin {ELBOW_B} 1')
     assert Status.ENCODER_2 in Status(sketch.wait(2)[0][-1].status)
 
 
 @pytest.mark.parametrize(
-    ('fault', 'lines'),
+    ('fault', 'line', 'within_ms'),
     [
-        (Status.EMERGENCY_STOP, [f'pin {STOP} 1']),
-        (Status.OVER_CURRENT, [f'analog {CURRENT} 4000']),
-        (Status.UNDERVOLTAGE, [f'analog {SUPPLY} 1000']),
-        (Status.OVERVOLTAGE, [f'analog {SUPPLY} 4000']),
+        (Status.EMERGENCY_STOP, f'pin {STOP} 1', 4),
+        (Status.OVER_CURRENT, f'analog {CURRENT} 4000', 4),
+        (Status.UNDERVOLTAGE, f'analog {SUPPLY} 1000', 4),
+        (Status.OVERVOLTAGE, f'analog {SUPPLY} 4000', 4),
+        (Status.WATCHDOG, '', 60),
     ],
 )
-def test_a_fault_of_the_sketch_switches_off(sketch, fault, lines):
+def test_the_sketch_moves_the_motor_once_armed_until_a_fault_or_no_command_comes(sketch, fault, line, within_ms):
     hello = sketch.wait(20)[0][0]
-    sketch.send(Arm(2, 0, hello.boot_id, SESSION, 1, 50))
     sketch.command(300_000)
-    assert sketch.state()[0].torque == 300_000
-    sketch.tell(*lines)
+    assert sketch.state()[0].refused == 1
+    sketch.send(Arm(2, 0, hello.boot_id, SESSION, 1, 50))
+    for torque, direction in (-300_000, 0), (300_000, 1):
+        sketch.command(torque)
+        state, pwm = sketch.state()
+        # 3 V of 23.99 V, of 4095 steps.
+        assert (state.status, state.torque, pwm) == (Status.ARMED, torque, (512, direction))
+    sketch.tell(line)
+    sketch.wait(within_ms)
     state, pwm = sketch.state()
     assert (state.status, state.torque, pwm[0]) == (fault, 0, 0)

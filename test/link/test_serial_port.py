@@ -175,18 +175,6 @@ def test_a_port_in_trouble_is_told_once_with_its_holder_or_the_remedy_and_opened
         device.unplug()
 
 
-def test_a_host_that_does_not_read_does_not_hold_up_a_writer(port):
-    device = Pty(port)
-    with Ear(port) as ear:
-        ear.wait(lambda e: e.opened)
-        started = time.monotonic()
-        results = [ear.link.write(bytes(1000)) for _ in range(100)]
-        assert results[0]
-        assert not results[-1]
-        assert time.monotonic() - started < 10
-        device.unplug()
-
-
 def test_a_frame_that_was_cut_short_does_not_take_the_next_along(port):
     device = Pty(port)
     host = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

@@ -22,13 +22,16 @@ class Observer:
 
     def __init__(self, ros, namespace=''):
         self.node = ros.create_node('listener', namespace=namespace)
-        self.params, self.quality, self.statuses = [], [], []
+        self.params, self.quality, self.statuses, self._clients = [], [], [], {}
         for kind, topic, take, qos in (
             (Float64MultiArray, 'pendubot/params', self.params.append, LATCHED),
             (DiagnosticArray, 'pendubot/identification', lambda m: self.quality.extend(m.status), LATCHED),
-            (DiagnosticArray, '/diagnostics', lambda m: self.statuses.extend(m.status), 10),
+            (DiagnosticArray, '/diagnostics', self._on_diagnostics, 10),
         ):
             self.node.create_subscription(kind, topic, take, qos)
+
+    def _on_diagnostics(self, array):
+        self.statuses += array.status
 
     def until(self, condition, timeout=20.0):
         assert spin_until(self.node, condition, timeout), (self.quality[-1:], self.params[-1:], self.statuses[-3:])
@@ -38,11 +41,10 @@ class Observer:
         return next((each for each in reversed(self.statuses) if each.name == name), None)
 
     def call(self, kind, name, **request):
-        client = self.node.create_client(kind, name)
-        try:
-            return call(self.node, client, kind.Request(**request))
-        finally:
-            self.node.destroy_client(client)
+        """Call a service; its client stays, for to discover the server takes longer than the call."""
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        return call(self.node, self._clients[name], kind.Request(**request))
 
     def set(self, node, **given):
         """Set parameters of a node; return the first answer that refuses, or the last."""

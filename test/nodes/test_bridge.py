@@ -105,7 +105,7 @@ sys.exit(bridge.main())
 """
 
 
-@pytest.mark.parametrize('place', ['Host.next_poll', 'Health.diagnose'])
+@pytest.mark.parametrize('place', ['Host.poll', 'Health.diagnose'])
 def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path, place):
     r = rig()
     r.start_board()

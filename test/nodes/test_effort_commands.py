@@ -41,7 +41,6 @@ def arm_and_drive(rig):
     rig.drive_until(OWN / 1e6, lambda: rig.samples[-1][6] == OWN / 1e6)
 
 
-@pytest.mark.usefixtures('each_board')
 def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_is_armed_again(rig, stranger):
     """Also one that commands nothing, and while nobody does."""
     r, bridge = running(rig)
@@ -102,7 +101,6 @@ class Ros2Control:
         r.until(lambda: self.command(*efforts, **more) or condition())
 
 
-@pytest.mark.usefixtures('each_board')
 def test_ros2_control_drives_the_motor_by_joint_commands_and_a_nan_is_none(rig, stranger):
     r, bridge = running(rig)
     controller = Ros2Control(stranger)

@@ -102,33 +102,31 @@ def test_refuses_to_begin_beside_a_program_of_any_name(rig, stranger, arm, kind,
     rig.until(lambda: not rig.armed()[-1])
 
 
-def test_ends_disarmed_where_a_controller_comes_meanwhile(rig, stranger):
-    with exciter(arm='true', **PULSES) as program:
+def an_hour_later():
+    """A sample with a time at which the excitation would be done."""
+    message = JointState(name=['shoulder', 'elbow'], position=[0.0, 0.0], effort=[0.0, 0.0])
+    message.header.stamp.sec = int(time.time()) + 3600
+    return message
+
+
+@pytest.mark.parametrize(
+    ('topic', 'message', 'publishers'),
+    [
+        (EFFORT, lambda: Float64(data=0.4), '/elsewhere/stranger, /exciter'),
+        ('/joint_states', an_hour_later, '/bridge, /elsewhere/stranger'),
+    ],
+    ids=['controller', 'second rig'],
+)
+def test_ends_disarmed_and_not_done_where_another_publisher_comes_meanwhile(rig, stranger, topic, message, publishers):
+    with exciter(arm='true', **PULSES | {'duration': 600.0}) as program:
         program.wait_for('exciting')
         rig.until(lambda: rig.torques().any())
-        controller = stranger.create_publisher(Float64, EFFORT, 1)
-        assert spin_until(stranger, lambda: controller.publish(Float64(data=0.4)) or program.process.poll() is not None)
-        program.wait_for('2 publishers: /elsewhere/stranger, /exciter; only one program may publish there')
+        other = stranger.create_publisher(type(message()), topic, 10)
+        assert spin_until(stranger, lambda: other.publish(message()) or program.process.poll() is not None)
+        program.wait_for(f'{topic} has 2 publishers: {publishers}; only one program may publish there')
         ends_with_1(program)
     rig.until(lambda: not rig.armed()[-1])
     assert rig.torques().max() <= 200_000
-
-
-def test_ends_disarmed_and_not_done_at_a_second_publisher_of_joint_states(rig, stranger):
-    """It is told of samples with times at which the excitation would be done."""
-    with exciter(arm='true', **PULSES | {'duration': 600.0}) as program:
-        program.wait_for('exciting')
-        samples = stranger.create_publisher(JointState, '/joint_states', 10)
-
-        def publish():
-            message = JointState(name=['shoulder', 'elbow'], position=[0.0, 0.0], effort=[0.0, 0.0])
-            message.header.stamp.sec = int(time.time()) + 3600
-            samples.publish(message)
-
-        assert spin_until(stranger, lambda: publish() or program.process.poll() is not None)
-        program.wait_for('/joint_states has 2 publishers: /bridge, /elsewhere/stranger; only one program may publish')
-        ends_with_1(program)
-    rig.until(lambda: not rig.armed()[-1])
 
 
 def test_waits_for_the_first_sample_and_stops_when_no_more_come(ros):

@@ -42,14 +42,14 @@ def manager(ros):
 
 
 @pytest.mark.parametrize('name', MANAGED)
-def test_every_node_goes_round_twice_refuses_what_is_impossible_and_is_active_by_default(manager, tmp_path, name):
+def test_every_node_goes_round_again_refuses_what_is_impossible_and_is_active_by_default(manager, tmp_path, name):
     own = {'bridge': {'port': tmp_path / 'board'}, 'recorder': {'output': tmp_path / 'bag'}}.get(name, {})
     with Program(name, *parameters(**own)) as program:
         assert manager.state(name) == 'active'
         assert program.stop() == 0
     with Program(name, *parameters(autostart='false', **own)) as program:
         program.wait_for(f'waiting: ros2 lifecycle set /{name} configure')
-        for label in ROUND * 2:
+        for label in (*ROUND, *ROUND[:2]):
             if label == 'configure':
                 shutil.rmtree(tmp_path / 'bag', ignore_errors=True)
             impossible = {'inactive': 'configure', 'active': 'activate', 'unconfigured': 'deactivate'}[STATES[label]]
@@ -72,7 +72,6 @@ def test_a_node_that_cannot_be_configured_says_why_and_stays_as_it_was(manager, 
     assert (tmp_path / 'metadata.yaml').exists()
 
 
-@pytest.mark.usefixtures('each_board')
 def test_deactivating_the_bridge_disarms_and_only_an_active_bridge_is_armed(rig, manager):
     r = rig()
     r.start_board()

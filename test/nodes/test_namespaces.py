@@ -8,11 +8,7 @@ from contextlib import ExitStack
 
 import pytest
 import yaml
-from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
 
-from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.nodes.messages import LATCHED
 from pendubot_identification.resources import resource
 from test.nodes.observer import Observer, values
 from test.processes import Program, parameters
@@ -88,18 +84,6 @@ def test_programs_move_record_and_identify_the_rig_of_their_own_namespace_alone(
         observer.until(lambda: observer.params)
         assert not observer.node.count_publishers('/pendubot/params')
         observer.until(lambda: observer.status('lab1/identifier: progress'))
-
-
-def test_a_balancer_is_ready_by_the_parameters_and_samples_of_its_namespace(traces, observer):
-    """What it says of the parameters shows that it has taken them; the other rig's are no rig's."""
-    for rig, theta in (('lab2', PAPER.vector().tolist()), ('lab1', [-1.0] * 7)):
-        params = observer.node.create_publisher(Float64MultiArray, f'/{rig}/pendubot/params', LATCHED)
-        params.publish(Float64MultiArray(data=theta))
-    with Program('balancer', '--ros-args', *LAB2) as balancer:
-        balancer.wait_for('nothing on pendubot/identification says how good the parameters on pendubot/params are')
-        observer.until(lambda: observer.status('lab2/balancer'))
-        assert not observer.call(Trigger, '/lab2/balancer/start').success
-    assert 'no rig has' not in balancer.output
 
 
 def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_remapped(traces):

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 
 import pytest
 import yaml
@@ -30,14 +30,11 @@ REFUSED = [
     # Degrees are no radians.
     ('bridge', {'zero': '[-90.0, 0.0]'}, 'zero is -90.0; a list of numbers with decimal points from -7 to 7 rad is'),
     ('bridge', {'sign': '[1, 0]'}, 'sign holds a 0'),
-    ('bridge', {'torque_limit': -1.0}, 'torque_limit'),
     ('bridge', {'port': "''"}, 'port is empty'),
     ('bridge', {'joint_names': '[a, a]'}, 'different names'),
     ('exciter', {'amplitude_min': 1.0, 'amplitude_max': -1.0}, 'amplitude_min 1 is not below amplitude_max -1'),
     ('exciter', {'period': 'soon'}, 'period is soon'),
-    ('exciter', {'period': '.nan'}, 'period is nan'),
     ('recorder', {'output': '/dev/null/bag'}, 'cannot be written'),
-    ('recorder', {'output': '/'}, 'exists already; give another name'),
     ('recorder', {'topics': '["two words"]'}, 'a name such as joint_states is expected'),
     ('recorder', {'topics': '[""]'}, 'name at least one topic'),
     ('recorder', {'reserve': 2**60}, 'is not begun: its disk has'),
@@ -45,7 +42,6 @@ REFUSED = [
     ('player', {'bag': "''"}, 'bag is empty; give the folder of a bag'),
     ('player', {'bag': '/nowhere'}, 'there is no bag /nowhere'),
     ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
-    ('player', {'bag': f'{BAG}@5'}, 'names no window of a bag'),
     ('player', {'bag': BAG, 'topics': '[/other]'}, 'holds nothing on /other; its topics are /joint_states'),
 ]
 #: Runs them one after the other in one process, for most of the time Python would take to start; and says of each how
@@ -121,21 +117,14 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
 
 
 def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock_then(node, tmp_path):
-    stamps = {}
-
-    def take(array):
-        stamps.update({status.name: array.header.stamp.sec for status in array.status})
-
-    node.create_subscription(DiagnosticArray, '/diagnostics', take, 10)
+    stamps = []
+    node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: stamps.append(array.header.stamp.sec), 10)
     clock, message, begin = node.create_publisher(Clock, '/clock', 1), Clock(), int(time.time())
     message.clock.sec = 1000
-    named = {'bridge': {'port': tmp_path / 'board'}, 'recorder': {'output': tmp_path / 'bag'}, 'identifier': {}}
-    with ExitStack() as programs:
-        for program, values in named.items():
-            programs.enter_context(Program(program, *parameters(use_sim_time='true', **values)))
-        assert spin_until(node, lambda: len(stamps) == 3, 30.0)
-        assert all(stamp >= begin for stamp in stamps.values()), stamps
-        assert spin_until(node, lambda: clock.publish(message) or set(stamps.values()) == {1000}), stamps
+    with Program('bridge', *parameters(use_sim_time='true', port=tmp_path / 'board')):
+        assert spin_until(node, lambda: stamps)
+        assert stamps[-1] >= begin
+        assert spin_until(node, lambda: clock.publish(message) or stamps[-1] == 1000), stamps
 
 
 @pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGHUP])

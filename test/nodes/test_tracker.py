@@ -23,11 +23,10 @@ IN_LAB1 = '--ros-args', '-r', '__ns:=/lab1'
 class Rig(Observer):
     """A rig in /lab1 whose samples come as fast as they are taken, and a node that hears the tracker."""
 
-    def __init__(self, ros):
+    def __init__(self, ros, recorded):
         super().__init__(ros, '/lab1')
         self.samples = self.node.create_publisher(JointState, 'joint_states', quality(10_000, True, False))
-        t, q, tau = record([4], [DAY], seconds=32.0)
-        self.recorded, self.sent = (t, q[0], tau[0]), 0
+        self.recorded, self.sent = recorded, 0
 
     def send(self, until):
         """Publish the samples up to a time [s]."""
@@ -47,9 +46,15 @@ class Rig(Observer):
         return (np.abs(theta / true - 1) < 0.02)[:5].all() and float(values(self.quality[-1])['P1']) == theta[0]
 
 
+@pytest.fixture(scope='module')
+def recorded():
+    t, (q,), (tau,) = record([4], [DAY], seconds=32.0)
+    return t, q, tau
+
+
 @pytest.fixture
-def rig(ros):
-    with Rig(ros) as rig:
+def rig(ros, recorded):
+    with Rig(ros, recorded) as rig:
         yield rig
 
 
