@@ -143,9 +143,7 @@ def forbidden(*_, **__):
     raise serial.SerialException(errno.EACCES, 'could not open port')
 
 
-@pytest.mark.parametrize(
-    ('trouble', 'said'), [('busy', rf'\(process {os.getpid()}\)'), ('forbidden', 'dialout'), ('missing', 'port')]
-)
+@pytest.mark.parametrize(('trouble', 'said'), [('busy', '(process {})'), ('forbidden', 'dialout'), ('missing', 'port')])
 def test_a_port_in_trouble_is_told_once_with_its_holder_or_the_remedy_and_opened_later(
     port, monkeypatch, trouble, said
 ):
@@ -171,7 +169,7 @@ def test_a_port_in_trouble_is_told_once_with_its_holder_or_the_remedy_and_opened
         ear.wait(lambda e: e.opened)
         (reason,) = ear.closed
         assert trouble in reason
-        assert re.search(said, reason)
+        assert said.format(os.getpid()) in reason
         device.unplug()
 
 
