@@ -84,7 +84,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
         ExcitationError: it names the parameters.
     """
     moved = np.max([np.ptp(motion.q, axis=0) for motion in training], axis=0)
-    names = ', '.join(motion.name for motion in training)
+    names = ', '.join(f'{motion.name}, {motion.t[0]:.4g} to {motion.t[-1]:.4g} s' for motion in training)
     if (moved < SETTINGS.still).all():
         raise ExcitationError(
             f'{names}: the joints moved by only {moved[0]:.3g} and {moved[1]:.3g} rad, so none of {", ".join(SEVEN)} '

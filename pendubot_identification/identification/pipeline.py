@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
@@ -112,7 +113,14 @@ def _fit(run: Run, report: Progress) -> Run:
     if 'likelihood' not in run.settings.criteria:
         return run
     report('weak: rough parameters', 0, 0, math.nan)
-    composite = fit_composite(run.data, report, effects=run.settings.compensate and run.sound)
+    try:
+        composite = fit_composite(run.data, report, effects=run.settings.compensate and run.sound)
+    except TrajectoryError as error:
+        if not run.faults:
+            raise
+        corrected = run.faults[-1].corrected_conversion
+        words = {} if corrected is None else corrected.words()
+        raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
     fitted = replace(run, data=composite.data, composite=composite)
     if not run.faults or not any(found.accepted for found in composite.effects):
         return fitted
