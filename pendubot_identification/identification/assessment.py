@@ -135,7 +135,7 @@ def assess(
         (errors if settings.delays == DELAYS else doubts).extend(_delay_at_end(estimate, settings))
     if 'zero' not in named:
         doubts += _wrong_zeros(estimate)
-    if not named:  # signs, order, zeros, units, counts and stamps all change the length
+    if not named - {'motion'}:  # signs, order, zeros, units, counts and stamps all change the length
         doubts += _wrong_length(estimate, *link_length)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *doubts]
     return replace(

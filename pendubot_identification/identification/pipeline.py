@@ -20,7 +20,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .assessment import assess, require_excitation
 from .catalogue import compensated
-from .conventions import Fault, diagnose, link_length, with_options
+from .conventions import Fault, corrected_conversion, diagnose, link_length, with_options
 from .estimate import Progress
 from .fitting import TrainingData, fit_composite
 from .identification import Identification, Run
@@ -118,7 +118,7 @@ def _fit(run: Run, report: Progress) -> Run:
     except TrajectoryError as error:
         if not run.faults:
             raise
-        corrected = run.faults[-1].corrected_conversion
+        corrected = corrected_conversion(run.faults)
         words = {} if corrected is None else corrected.words()
         raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
     fitted = replace(run, data=composite.data, composite=composite)
