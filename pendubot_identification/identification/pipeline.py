@@ -121,14 +121,16 @@ def _fit(run: Run, report: Progress) -> Run:
         corrected = corrected_conversion(run.faults)
         words = {} if corrected is None else corrected.words()
         raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
-    fitted = replace(run, data=composite.data, composite=composite)
-    if not run.faults or not any(found.accepted for found in composite.effects):
-        return fitted
+    # Coarse encoders alone may leave as much: on an exact rig nothing else does.
+    faults = tuple(fault for fault in run.faults if fault.name != 'motion' or not composite.exact)
+    run = replace(run, data=composite.data, composite=composite, faults=faults)
+    if not faults or not any(found.accepted for found in composite.effects):
+        return run
     motions = composite.data.excerpt().motions
-    left = _faults(fitted, [compensated(m, composite.effects, composite.delay) for m in motions])
+    left = _faults(run, [compensated(m, composite.effects, composite.delay) for m in motions])
     named = {fault.name for fault in left}
-    mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in run.faults]
-    return replace(fitted, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))
+    mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in faults]
+    return replace(run, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))
 
 
 def _check_residuals(run: Run, report: Progress) -> Run:

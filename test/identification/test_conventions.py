@@ -141,6 +141,16 @@ def test_a_motion_that_hardly_fits_a_pendubot_is_named():
     assert re.match('the motion hardly fits any pendubot: .* counts per turn', found.sentence)
 
 
+def test_coarse_encoders_alone_make_no_motion_unfit():
+    motions = []
+    for made in record([61, 62], [Rig()] * 2, seconds=6.0):
+        angles = np.round(made.q, 1)
+        motions.append(Trajectory(made.t, angles, np.column_stack([made.tau, 0 * made.tau])))
+    assert [fault.name for fault in diagnosed(*motions, smoothing=0.05)] == ['motion']
+    found = identify(motions)
+    assert (found.faults, found.best.exact) == ((), True)
+
+
 def test_a_known_delay_is_no_fault():
     motion = late(pulses())
     assert diagnosed(motion, delay=-0.02) == ()
