@@ -127,9 +127,11 @@ def assess(
         notes: other warnings of the data.
     """
     severe = [fault.sentence for fault in faults if _severe(fault, estimate)]
-    mild = [fault.sentence for fault in faults if not _severe(fault, estimate)]
+    # A cause that is known, such as a push by hand, is named before the motion that hardly fits.
+    mild = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name != 'motion']
+    unfit = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name == 'motion']
     named = set() if severe else {fault.name for fault in faults}
-    errors, doubts = list(_errors(estimate, settings)), list(_doubts(estimate, settings))
+    errors, doubts = list(_errors(estimate, settings)), [*unfit, *_doubts(estimate, settings)]
     if 'delay' not in named:
         # The default search covers every sensible delay; a narrower one is the user's.
         (errors if settings.delays == DELAYS else doubts).extend(_delay_at_end(estimate, settings))
