@@ -84,7 +84,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
         ExcitationError: it names the parameters.
     """
     moved = np.max([np.ptp(motion.q, axis=0) for motion in training], axis=0)
-    names = ', '.join(motion.name for motion in training)
+    names = ', '.join(f'{motion.name}, {motion.t[0]:.4g} to {motion.t[-1]:.4g} s' for motion in training)
     if (moved < SETTINGS.still).all():
         raise ExcitationError(
             f'{names}: the joints moved by only {moved[0]:.3g} and {moved[1]:.3g} rad, so none of {", ".join(SEVEN)} '
@@ -127,15 +127,17 @@ def assess(
         notes: other warnings of the data.
     """
     severe = [fault.sentence for fault in faults if _severe(fault, estimate)]
-    mild = [fault.sentence for fault in faults if not _severe(fault, estimate)]
+    # A cause that is known, such as a push by hand, is named before the motion that hardly fits.
+    mild = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name != 'motion']
+    unfit = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name == 'motion']
     named = set() if severe else {fault.name for fault in faults}
-    errors, doubts = list(_errors(estimate, settings)), list(_doubts(estimate, settings))
+    errors, doubts = list(_errors(estimate, settings)), [*unfit, *_doubts(estimate, settings)]
     if 'delay' not in named:
         # The default search covers every sensible delay; a narrower one is the user's.
         (errors if settings.delays == DELAYS else doubts).extend(_delay_at_end(estimate, settings))
     if 'zero' not in named:
         doubts += _wrong_zeros(estimate)
-    if not named:  # signs, order, zeros, units, counts and stamps all change the length
+    if not named - {'motion'}:  # signs, order, zeros, units, counts and stamps all change the length
         doubts += _wrong_length(estimate, *link_length)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *doubts]
     return replace(

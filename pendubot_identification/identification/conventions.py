@@ -62,6 +62,8 @@ class ConventionSettings:
     longest: float = 5.0
     #: Unexplained fraction above which a motion fits no pendubot: real rigs leave .02, simulated ones at end stops .3.
     unfit: float = 0.35
+    #: The same above which it hardly fits: unmodelled effects leave at most .08, a push or lost counts .15.
+    doubtful: float = 0.1
     #: Motion [rad] below which recordings fit any rig.
     moved: float = 0.5
     #: Motion, in the unit of the recording, below which it is not in degrees.
@@ -191,7 +193,9 @@ def diagnose(
         faults.append(fault)
         corrected = corrected.after(fault.change, fault.delay)
     if corrected.unexplained > SETTINGS.unfit:
-        faults, corrected = list(_unfit(recordings)), recordings
+        faults, corrected = [], recordings
+    if corrected.unexplained > SETTINGS.doubtful:
+        faults += _unfit(corrected)
     faults += _wrong_unit(corrected)
     if expected_link_length is not None:
         faults += _wrong_length(corrected, model, expected_link_length)
@@ -210,6 +214,11 @@ def with_options(faults: Iterable[Fault], conversion: Conversion) -> tuple[Fault
             fault, conversion = replace(fault, options=tuple(words), corrected_conversion=corrected), corrected
         completed.append(fault)
     return tuple(completed)
+
+
+def corrected_conversion(faults: Sequence[Fault]) -> Conversion | None:
+    """Return the conversion that corrects as many of the faults as options can; None if they correct none."""
+    return next((f.corrected_conversion for f in reversed(faults) if f.corrected_conversion is not None), None)
 
 
 def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tuple[float, float]:
@@ -393,13 +402,14 @@ def _unfit(recordings: _Recordings) -> Iterator[Fault]:
     """Yield that the motion fits no pendubot, whatever the unit of its effort."""
     moved = np.max([np.ptp(m.recorded.q, axis=0) for m in recordings.motions], axis=0)
     if math.isfinite(recordings.limit) and moved.min() > SETTINGS.moved:
+        unfit = recordings.unexplained > SETTINGS.unfit
         yield Fault(
             'motion',
-            'the motion does not fit any pendubot: the model does not explain '
+            f'the motion {"does not fit" if unfit else "hardly fits"} any pendubot: the model does not explain '
             f'{100 * recordings.unexplained:.3g} % of the squared effort, and no known correction helps',
             'check the signs and zeros of both angles, the order of the joints, whether q2 is relative to link 1, '
             'units and counts per turn, the sign and the stamps of the effort, and whether the links moved freely',
-            Level.ERROR,
+            Level.ERROR if unfit else Level.WARN,
             unexplained=recordings.unexplained,
         )
 

@@ -16,7 +16,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .catalogue import FoundEffect, compensated
-from .conventions import Fault
+from .conventions import Fault, corrected_conversion
 from .estimate import Estimate
 from .fitting import Composite, TrainingData
 from .options import CRITERIA
@@ -65,10 +65,7 @@ class Identification:
     @property
     def corrected_conversion(self) -> Conversion | None:
         """The conversion that corrects the faults of the recordings; None where no options do that."""
-        return next(
-            (fault.corrected_conversion for fault in reversed(self.faults) if fault.corrected_conversion is not None),
-            None,
-        )
+        return corrected_conversion(self.faults)
 
     @property
     def level(self) -> Level:

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
@@ -19,7 +20,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .assessment import assess, require_excitation
 from .catalogue import compensated
-from .conventions import Fault, diagnose, link_length, with_options
+from .conventions import Fault, corrected_conversion, diagnose, link_length, with_options
 from .estimate import Progress
 from .fitting import TrainingData, fit_composite
 from .identification import Identification, Run
@@ -112,15 +113,24 @@ def _fit(run: Run, report: Progress) -> Run:
     if 'likelihood' not in run.settings.criteria:
         return run
     report('weak: rough parameters', 0, 0, math.nan)
-    composite = fit_composite(run.data, report, effects=run.settings.compensate and run.sound)
-    fitted = replace(run, data=composite.data, composite=composite)
-    if not run.faults or not any(found.accepted for found in composite.effects):
-        return fitted
+    try:
+        composite = fit_composite(run.data, report, effects=run.settings.compensate and run.sound)
+    except TrajectoryError as error:
+        if not run.faults:
+            raise
+        corrected = corrected_conversion(run.faults)
+        words = {} if corrected is None else corrected.words()
+        raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
+    # Coarse encoders alone may leave as much: on an exact rig nothing else does.
+    faults = tuple(fault for fault in run.faults if fault.name != 'motion' or not composite.exact)
+    run = replace(run, data=composite.data, composite=composite, faults=faults)
+    if not faults or not any(found.accepted for found in composite.effects):
+        return run
     motions = composite.data.excerpt().motions
-    left = _faults(fitted, [compensated(m, composite.effects, composite.delay) for m in motions])
+    left = _faults(run, [compensated(m, composite.effects, composite.delay) for m in motions])
     named = {fault.name for fault in left}
-    mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in run.faults]
-    return replace(fitted, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))
+    mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in faults]
+    return replace(run, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))
 
 
 def _check_residuals(run: Run, report: Progress) -> Run:

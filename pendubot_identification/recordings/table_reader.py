@@ -162,10 +162,12 @@ class TableReader:
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
             before, time = given['t'][rows[wrong[0] : wrong[0] + 2]]
+            what, remedy = 'runs back', 'keep one run in each file, its rows in the order of time'
+            if time == before:
+                what, remedy = 'repeats', 'export more digits, or correct or remove that row'
             raise TableError(
-                f'{self._where(rows[wrong[0] + 1])}: the time {time:.12g} '
-                f'{"repeats" if time == before else "runs back"}, after {before:.12g}; every row needs a later one: '
-                'export more digits, or correct or remove that row'
+                f'{self._where(rows[wrong[0] + 1])}: the time {time:.12g} {what}, after {before:.12g}; every row '
+                f'needs a later one: {remedy}'
             )
         values, zeros = {name: numbers[rows] for name, numbers in given.items()}, np.zeros_like(t)
         if conversion.torque_constant:

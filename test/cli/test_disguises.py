@@ -17,6 +17,7 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import ROOT
+from test.simulated_rig import Rig, record
 
 pandas, h5py, openpyxl, _ = map(pytest.importorskip, ('pandas', 'h5py', 'openpyxl', 'pyarrow'))
 
@@ -275,3 +276,14 @@ def test_messages_alone_lead_to_the_same_parameters(columns, identified, expecte
         np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
     assert sorted(found['made_by']['applied']) == sorted(named)
     assert any('applied, as the recordings need it' in said for said in found['warnings']) == bool(named)
+
+
+def test_a_fault_is_named_where_no_filter_follows_and_a_rest_by_its_time(run, tmp_path):
+    (made,) = record([11], [Rig()], seconds=6.0)
+    from_hanging, resting = np.add(made.q, [np.pi / 2, 0]), np.where(made.t[:, None] < 3, [-np.pi / 2, 0], made.q)
+    for name, q in (('hanging.csv', from_hanging), ('resting.csv', resting)):
+        as_text(tmp_path / name, {'t': made.t, 'q1': q[:, 0], 'q2': q[:, 1], 'tau1': made.tau})
+    status, _, err = run('identify', tmp_path / 'hanging.csv')
+    assert (status, 'add --zero hanging' in err) == (1, True)
+    assert run('identify', tmp_path / 'hanging.csv', '--apply-remedies')[0] == 0
+    assert 'resting.csv, 0 to 2.995 s: the joints moved by only' in run('identify', tmp_path / 'resting.csv')[2]

@@ -19,7 +19,9 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test import real
+from test.simulated_rig import Rig, record
 
 recorded = functools.cache(real.recorded)
 LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
@@ -128,6 +130,25 @@ def test_a_motion_that_no_correction_explains_fits_no_pendubot():
     (found,) = diagnosed(replace(motion, tau=motion.tau[::-1]))
     assert found.sentence.startswith('the motion does not fit any pendubot: ')
     assert found.level == Level.ERROR
+
+
+def test_a_motion_that_hardly_fits_a_pendubot_is_named():
+    """Each edge of the elbow's encoder was counted twice, for which there is no option."""
+    (made,) = record([13], [Rig()], seconds=6.0)
+    motion = Trajectory(made.t, made.q * [1, 2], np.column_stack([made.tau, 0 * made.tau]))
+    (found,) = diagnosed(motion)
+    assert (found.name, found.level) == ('motion', Level.WARN)
+    assert re.match('the motion hardly fits any pendubot: .* counts per turn', found.sentence)
+
+
+def test_coarse_encoders_alone_make_no_motion_unfit():
+    motions = []
+    for made in record([61, 62], [Rig()] * 2, seconds=6.0):
+        angles = np.round(made.q, 1)
+        motions.append(Trajectory(made.t, angles, np.column_stack([made.tau, 0 * made.tau])))
+    assert [fault.name for fault in diagnosed(*motions, smoothing=0.05)] == ['motion']
+    found = identify(motions)
+    assert (found.faults, found.best.exact) == ((), True)
 
 
 def test_a_known_delay_is_no_fault():

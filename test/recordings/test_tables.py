@@ -93,8 +93,11 @@ def test_other_formats_of_text_are_read(given, text, encoding):
         (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
         ('sep=;\n' + TEXT.replace(',', ';'), 'has its column names in line 2, line 1 is expected: add --skip-rows 1'),
         *(
-            (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}, after 5; every row needs a later one')
-            for stamp, what in (('5.00', 'repeats'), ('4.99', 'runs back'))
+            (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}')
+            for stamp, what in (
+                ('5.00', 'repeats, after 5; every row needs a later one: export more digits'),
+                ('4.99', 'runs back, after 5; every row needs a later one: keep one run in each file'),
+            )
         ),
     ],
 )
