@@ -3,8 +3,6 @@
 
 """What a user can do wrong. Each message says what was found, what was expected and what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

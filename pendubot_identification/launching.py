@@ -7,8 +7,6 @@ Launch starts programs while it visits a description. So each launch file is a s
 and looks for all programs before it returns the nodes to start.
 """
 
-from __future__ import annotations
-
 import os
 import runpy
 import signal

@@ -3,8 +3,6 @@
 
 """ROS parameter files: for which nodes they hold parameters."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """The installed programs: the nodes, which need ROS, and the command line. As a module it runs the named node."""
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: for small matrices, more cost more than they give

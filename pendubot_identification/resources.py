@@ -3,8 +3,6 @@
 
 """Where the package's config and bags lie, in every kind of install (colcon, colcon --symlink-install, pip, pip -e)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pendubot_identification.errors import PendubotError

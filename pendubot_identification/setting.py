@@ -3,8 +3,6 @@
 
 """One thing that a user can set, in a node or on the command line: declared once, with its range and its help."""
 
-from __future__ import annotations
-
 import difflib
 import math
 from collections.abc import Callable, Iterable, Sequence

@@ -6,8 +6,6 @@
 The module of the same name runs it. Nothing heavy is imported here: ``--help`` needs no numpy.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import os

@@ -3,8 +3,6 @@
 
 """The subcommands that write bags: import, simulate and repair."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

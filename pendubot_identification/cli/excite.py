@@ -3,8 +3,6 @@
 
 """``pendubot excite``: the most informative pulse train, or the predicted motion of a given one."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Sequence

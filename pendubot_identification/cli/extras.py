@@ -3,8 +3,6 @@
 
 """The subcommands that need a package of their own: completion and studio."""
 
-from __future__ import annotations
-
 import argparse
 import re
 

@@ -3,8 +3,6 @@
 
 """``pendubot identify``: parameters from recordings."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from contextlib import nullcontext

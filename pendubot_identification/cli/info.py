@@ -3,8 +3,6 @@
 
 """``pendubot info``: the content of a recording."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from dataclasses import asdict

@@ -3,8 +3,6 @@
 
 """``pendubot``: parses the command line, runs the module of the subcommand, and explains failures in one line."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import sys

@@ -3,8 +3,6 @@
 
 """The values of the options by which recordings are read, from the command line and files of settings."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterable
 from pathlib import Path

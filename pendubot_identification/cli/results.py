@@ -3,8 +3,6 @@
 
 """The subcommands that read results: report, compare and export."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

@@ -3,8 +3,6 @@
 
 """The terminal: its width, a progress bar, and the short text of a result."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import textwrap

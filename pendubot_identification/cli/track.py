@@ -3,8 +3,6 @@
 
 """``pendubot track``: a rig followed through recordings of any length."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from contextlib import nullcontext

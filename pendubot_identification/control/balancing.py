@@ -6,8 +6,6 @@
 At a fault a method raises ControlError; the caller then calls :meth:`Balancing.stop` and disarms.
 """
 
-from __future__ import annotations
-
 import math
 from enum import Enum
 

@@ -6,8 +6,6 @@
 It stops by raising ControlError; its caller then commands zero torque and disarms.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import Enum

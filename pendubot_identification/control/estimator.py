@@ -7,8 +7,6 @@ The estimator is a Kalman filter with constant gain and the nonlinear model. It 
 lag behind, and it predicts over the loop's dead time at any speed.
 """
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 
 """Readiness: the inputs of a design, which are parameters, their quality, and period and delay of the loop."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence

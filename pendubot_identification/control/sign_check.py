@@ -8,8 +8,6 @@ encoders exchanged. The hypothesis that predicts the motion much better than all
 parameters worsen all predictions equally.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

@@ -14,8 +14,6 @@ pendulum by energy control*, Automatica 36, 2000). With the energy of rest uprig
 link 1 waits there, and the regulator takes over.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

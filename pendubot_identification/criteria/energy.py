@@ -3,8 +3,6 @@
 
 """The paper's energy criterion, its equations (3) to (6): work done on the rig against the energy it gained."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

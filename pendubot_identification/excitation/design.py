@@ -8,8 +8,6 @@ encoder quantization. The D-optimal motion has the information with the greatest
 System Identification, 1977): the smallest confidence ellipsoid, independent of the parameters' units.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

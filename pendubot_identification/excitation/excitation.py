@@ -3,8 +3,6 @@
 
 """The torque that makes the parameters identifiable: the paper's pulse train (its Section 4.4)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """The exciter's parameter file: written from a design, read to be predicted."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -6,8 +6,6 @@
 The equations of :mod:`..model.dynamics` stand here once; each language puts its own names in the place of theirs.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

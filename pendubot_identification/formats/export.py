@@ -3,8 +3,6 @@
 
 """A result in the format of who uses it: simulators, MATLAB, C, Python, ROS. Numbers keep every digit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import yaml

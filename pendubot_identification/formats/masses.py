@@ -7,8 +7,6 @@ P1 to P5 leave two of the links' seven numbers open. P3 / P5 is the length l1 of
 P1 / l1^2, and any m1 above (P4 - m2 l1)^2 / (P1 - m2 l1^2), gives positive inertias and the same motion.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple, dataclass, replace
 

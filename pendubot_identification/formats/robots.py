@@ -8,8 +8,6 @@ along x: q1 is measured from the horizontal, q2 relative to link 1. Of a link's 
 moves; it is given about all.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

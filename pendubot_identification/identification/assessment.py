@@ -3,8 +3,6 @@
 
 """How far to trust data and results: refusals, errors, warnings, and advice for the next recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -3,8 +3,6 @@
 
 """The catalogue of unmodelled effects: what each adds to the model, in words and as an extension of the likelihood."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

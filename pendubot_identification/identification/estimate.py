@@ -3,8 +3,6 @@
 
 """The answer of one criterion: parameters, their uncertainty, and their prediction errors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@
 Nothing heavy is imported here: ``--help`` needs no numpy.
 """
 
-from __future__ import annotations
-
 from pendubot_identification.model import MODELS
 from pendubot_identification.setting import Setting, interval, words
 

@@ -3,8 +3,6 @@
 
 """From motions to parameters: prepare, check conventions, fit, check residuals, validate, assess."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 
 """Checks of the residuals: unmodelled effects, disturbances, and recordings that contradict each other."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 
 """How far an estimate may be off: standard errors for residuals that are correlated in time."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

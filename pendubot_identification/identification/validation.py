@@ -3,8 +3,6 @@
 
 """The answer of each criterion, with what it predicts of data that it was not fitted to."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

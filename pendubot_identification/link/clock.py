@@ -12,8 +12,6 @@ milliseconds on a busy one. The skew is that slope, filtered by a Kalman filter 
 within seconds on a quiet machine, and once known well it hardly changes during a busy minute.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 
 """What passes between a host and its program: configuration in; samples, reports, bytes and counts out."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple

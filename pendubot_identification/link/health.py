@@ -3,8 +3,6 @@
 
 """What ``/diagnostics`` says of the link to the board, from the host's reports and counters."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 from pendubot_identification.level import Diagnosis, Level

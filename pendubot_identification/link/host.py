@@ -11,8 +11,6 @@ A STATE's way: :meth:`Host.receive` has the bytes decoded, its number is checked
 positions and velocities (``joints``), and a :class:`.events.Sample` leaves.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 
 """Encoder counts to joint positions and velocities; samples that no motor can reach are refused."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

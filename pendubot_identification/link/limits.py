@@ -6,8 +6,6 @@
 All quantities are integers in the units of the protocol, so that the firmware computes the same.
 """
 
-from __future__ import annotations
-
 from .protocol import Limits, State, Status
 
 #: 2 pi, in 1e-9.

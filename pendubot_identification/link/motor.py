@@ -7,8 +7,6 @@ The host owns the motor from the STATE that shows its ARM obeyed until the first
 what the board obeyed and applied with what it sent itself.
 """
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections.abc import Callable

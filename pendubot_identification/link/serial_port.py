@@ -3,8 +3,6 @@
 
 """The serial port on the host's side: a thread reads it, and opens it again whenever it was lost."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import fcntl

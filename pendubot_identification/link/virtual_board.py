@@ -6,8 +6,6 @@
 Bytes and one sample period at a time come in, bytes go out; all randomness comes from the seed.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
 

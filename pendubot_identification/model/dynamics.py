@@ -10,8 +10,6 @@ P4 P5 b1 b2, and after these, as far as the model goes, Fc1 Fc2 J2 Fs1 Fs2 k1 k2
 (:data:`.parameters.MODELS`). rollout.c has the same accelerations and derivatives in C.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any

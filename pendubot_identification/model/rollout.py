@@ -7,8 +7,6 @@ The compiled kernel does both where it was built; without it numpy does, with th
 axis of every array holds the simulations, called lanes: they are fastest when they are many.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any

@@ -3,8 +3,6 @@
 
 """A simulated pendubot: its state carried on under torques that are held, and whole simulated trajectories."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Iterable

@@ -3,8 +3,6 @@
 
 """``balancer``: swings the rig up and holds it upright, knowing it only through pendubot/params."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 
 """``bridge``: from the board's bytes to ``joint_states``, and from effort commands to the board."""
 
-from __future__ import annotations
-
 import gc
 import math
 import secrets

@@ -3,8 +3,6 @@
 
 """``exciter``: makes the rig move by the paper's pulse train, one torque for every sample that the bridge publishes."""
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import fields

@@ -3,8 +3,6 @@
 
 """``identifier``: parameters from windows of recorded bags, latched on pendubot/params."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

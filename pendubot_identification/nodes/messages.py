@@ -3,8 +3,6 @@
 
 """The messages of the nodes: joint states, parameters with their quality, and statuses on /diagnostics."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 
 """One owner of the motor: publishers of a topic that only one program may publish, and the way to the bridge."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Sequence

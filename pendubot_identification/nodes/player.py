@@ -3,8 +3,6 @@
 
 """``player``: publishes a bag again, at its own pace, and beside it the motion that an identified rig makes of it."""
 
-from __future__ import annotations
-
 import math
 import threading
 import time

@@ -3,8 +3,6 @@
 
 """``recorder``: writes topics of any type, byte for byte, into a bag."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

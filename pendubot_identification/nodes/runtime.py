@@ -3,8 +3,6 @@
 
 """The frame of every node: parameters with descriptors, ``--help``, signals, one-line errors, exit status."""
 
-from __future__ import annotations
-
 import math
 import sys
 import textwrap

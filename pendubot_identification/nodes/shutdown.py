@@ -3,8 +3,6 @@
 
 """The end of a program: at a signal, or with the program that started it. Needs no ROS."""
 
-from __future__ import annotations
-
 import math
 import os
 import select

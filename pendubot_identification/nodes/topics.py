@@ -3,8 +3,6 @@
 
 """Topics of any type: names, message classes, quality of service, and messages fetched as bytes, many at once."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module

@@ -3,8 +3,6 @@
 
 """``tracker``: the parameters of a rig at the moment, by its joint_states, latched on pendubot/params."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import asdict
 from functools import partial

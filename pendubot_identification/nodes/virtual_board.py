@@ -3,8 +3,6 @@
 
 """``virtual_board``: a pendubot rig that is not there, on a pseudo-terminal. Needs no ROS, but for its parameter."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import random

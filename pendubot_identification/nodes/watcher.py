@@ -7,8 +7,6 @@ Each line has the newest sample (``t`` [s], ``q`` [rad], ``effort`` [N m], ``rat
 published), the ``parameters`` with 95 % half-widths, and ``level`` and ``message`` of the identification.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import time

@@ -8,8 +8,6 @@ compiler. Its random numbers differ, so that single runs differ, but not their m
 generations.
 """
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass
 from functools import partial

@@ -3,8 +3,6 @@
 
 """The common parts of the optimizers: independent runs side by side, their end, and their result."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import count

@@ -3,8 +3,6 @@
 
 """Table 2 of the paper: the test functions of the optimizers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

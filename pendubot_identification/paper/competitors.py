@@ -3,8 +3,6 @@
 
 """The algorithms that the paper compares with MDE, its Table 3: DE, HDE and PSO; all runs advance as one array."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

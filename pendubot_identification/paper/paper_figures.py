@@ -3,8 +3,6 @@
 
 """Figure 1 of the paper from the results of this package."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 
 """The tables of the paper with the results of this package beside its own, and further tables."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

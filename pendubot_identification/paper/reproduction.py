@@ -3,8 +3,6 @@
 
 """``pendubot reproduce``: the experiments of the paper, and the files with their results."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Collection, Iterable

@@ -3,8 +3,6 @@
 
 """The experiments of the reproduction, their outcomes, and the comparison of runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

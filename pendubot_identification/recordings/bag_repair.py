@@ -3,8 +3,6 @@
 
 """Makes a closed copy of an unclosed, truncated or damaged bag."""
 
-from __future__ import annotations
-
 from array import array
 from collections import Counter, deque
 from dataclasses import dataclass, field

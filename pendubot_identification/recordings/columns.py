@@ -3,8 +3,6 @@
 
 """Recognises the columns of a file by their names and units: in English, German, French, Spanish and Chinese."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 

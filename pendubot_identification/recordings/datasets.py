@@ -3,8 +3,6 @@
 
 """Divides recordings into training and validation, for the command line and the identifier."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial

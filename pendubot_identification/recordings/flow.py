@@ -3,8 +3,6 @@
 
 """Statistics of the messages of a topic: count, latency and losses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 
 """Message types by name: their definition and hash for a bag's schema, and their bytes."""
 
-from __future__ import annotations
-
 import os
 import sys
 from functools import cache

@@ -3,8 +3,6 @@
 
 """The identity of a recording, as a result names it; this module imports nothing that reads recordings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

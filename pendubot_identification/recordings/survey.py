@@ -3,8 +3,6 @@
 
 """The content of bags and of files with columns: times, losses, ranges, and how they are read."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 
 """Reads a motion from a file with columns."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re

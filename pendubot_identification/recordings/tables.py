@@ -3,8 +3,6 @@
 
 """Reads names and cells of the columns of text, MATLAB, Excel and Parquet files."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import gzip

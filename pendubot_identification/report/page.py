@@ -7,8 +7,6 @@ All figures are in the page. Those over time are there also as data, which ``pag
 licence). The page itself is ``page.html.jinja``.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -3,8 +3,6 @@
 
 """The rig of a result, as the page draws and simulates it, and the command that made the result."""
 
-from __future__ import annotations
-
 import math
 import re
 import shlex

@@ -6,8 +6,6 @@
 matplotlib takes half a second to import: only modules that draw import this one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO

@@ -3,8 +3,6 @@
 
 """A table that is described once and shown in a terminal, on the page and in a notebook."""
 
-from __future__ import annotations
-
 import math
 import re
 import textwrap

@@ -3,8 +3,6 @@
 
 """The tables and sentences of a result, for terminal and page alike, and of a designed excitation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

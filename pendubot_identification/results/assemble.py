@@ -3,8 +3,6 @@
 
 """The result of an identification, assembled from its estimates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, fields

@@ -3,8 +3,6 @@
 
 """The checks of recordings before anything is fitted: stamps, gaps, limits, conventions and excitation."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 

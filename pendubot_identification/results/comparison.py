@@ -3,8 +3,6 @@
 
 """Compares results: differences of their parameters, and their predictions of one motion."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations

@@ -6,8 +6,6 @@
 A thread could not be stopped: some stages take seconds between two reports of progress.
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import subprocess

@@ -3,8 +3,6 @@
 
 """The settings of an identification from options by name, as the command line, Python and the node give them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 
 """Recordings, settings and estimates of a result, from its file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 
 """Results as YAML files."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar

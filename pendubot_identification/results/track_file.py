@@ -3,8 +3,6 @@
 
 """Tracks the parameters of a rig through recordings, from a result and to a result."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@
 A session is a private folder for the files that a page receives; it is deleted with the page or with the server.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

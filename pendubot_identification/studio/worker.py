@@ -6,8 +6,6 @@
 The last event has ``done``, or ``problem``: a sentence, and the options that correct it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -15,8 +15,6 @@ covariance of all residuals, although test functions overlap. Whitened residuals
 in generalised least squares (WENDy: Bortz, Messenger and Dukic, Bulletin of Mathematical Biology 85, 2023).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 
 """What tracking begins with and what it reports: states, changes, disturbances, restarts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

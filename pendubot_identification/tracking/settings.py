@@ -3,8 +3,6 @@
 
 """Settings of the tracker, each with its unit and reason."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

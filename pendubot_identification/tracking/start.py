@@ -3,8 +3,6 @@
 
 """The start of tracking: a first motion gives the delay, the smoothing, the noise and the prior of the filter."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 
 """The tracker of a rig: its first motion starts the filter, and each further block is a step of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

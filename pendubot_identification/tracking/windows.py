@@ -3,8 +3,6 @@
 
 """The informative windows of a long recording: much motion between two changes, without a gap or a disturbance."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 
 import numpy as np

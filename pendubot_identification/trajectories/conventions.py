@@ -6,8 +6,6 @@
 Nothing heavy is imported here: ``--help`` needs no numpy.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

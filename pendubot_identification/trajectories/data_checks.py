@@ -3,8 +3,6 @@
 
 """Checks of the samples of a recording before the estimation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

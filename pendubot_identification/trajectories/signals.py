@@ -3,8 +3,6 @@
 
 """Uniform sampling and zero-phase differentiation: nothing later depends on logged velocities."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
