@@ -22,7 +22,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from pendubot_identification.arrays import Array
 
 from .errors import ParameterError, PendubotError
 from .files import OutputFolder, write_atomically
@@ -54,7 +56,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
-Array = NDArray[np.float64]
 File = str | Path
 Criterion = Literal['energy', 'weak', 'likelihood']
 Model = Literal['auto', 'viscous', 'coulomb', 'rotor', 'geared']

@@ -11,14 +11,11 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pendubot_identification.arrays import Array
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import LatePlant
 
-Array = NDArray[np.float64]
 #: q1, q2 [rad], q1', q2' [rad/s].
 RigState = tuple[float, float, float, float]
 

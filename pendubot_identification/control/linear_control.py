@@ -15,16 +15,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 from scipy.optimize import bisect
 from scipy.signal import cont2discrete
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import GRAVITY, acceleration_derivatives, mass_matrix
 from pendubot_identification.model.parameters import Parameters
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

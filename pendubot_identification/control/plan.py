@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import Parameters
@@ -21,8 +21,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .controller import UPRIGHT, Controller, ControlMode
 from .linear_control import Design, Loop, Margins, margins
-
-Array = NDArray[np.float64]
 
 #: The rig is held while both angles are within this of upright [rad].
 HELD = 0.2
@@ -131,7 +129,7 @@ class ClosedLoopRun(NamedTuple):
     """The rig's true motion, at which samples the controller balanced, shape (N,), and why it stopped, if it did."""
 
     motion: Trajectory
-    balancing: NDArray[np.bool_]
+    balancing: Flags
     stopped: str
 
 

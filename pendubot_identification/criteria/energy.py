@@ -7,15 +7,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import dry_friction_terms, energy_terms
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.signals import SMOOTHING, differentiate, held, resample
 from pendubot_identification.trajectories.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: No joint of a bench-top rig turns faster [rad/s], or further between two samples [rad]: its angle is in degrees,
 #: wrapped at a turn, or its encoder jumped. Links of 2 cm reach 300 rad/s; a smoothed wrap steps by pi.

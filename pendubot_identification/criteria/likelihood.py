@@ -24,14 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Samples, Term, Vectors, innovations
 from pendubot_identification.model.parameters import repaired
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 #: The motion with the torque that acts and the true angles, from the recorded one and some numbers.
 Shape = Callable[[Motion, Array], Motion]
 #: Unknowns before those of effects: theta, delay, offsets.

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import Bounds, Parameters, repaired
 from pendubot_identification.model.rollout import roll, sensitivities
@@ -27,8 +28,6 @@ from pendubot_identification.model.simulation import substeps
 from pendubot_identification.trajectories.motion import Motion
 
 from .likelihood import FilterData, bounded_step
-
-Array = NDArray[np.float64]
 
 #: Runge-Kutta step [s], which divides all horizons; stiff friction needs parts of it.
 STEP = 0.005

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import lsq_linear, minimize_scalar
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, Bounds, coupling_excess
-
-Array = NDArray[np.float64]
 
 #: The model by which the search box is sized, up to how many default ones it may be large, and in which part of it the
 #: least-squares answer lies.
@@ -155,12 +154,12 @@ class Quadratic:
         scale = _column_scale(self.phi)
         return np.asarray(np.linalg.lstsq(self.phi / scale, self.y, rcond=None)[0] / scale)
 
-    def condition_number(self, which: NDArray[np.bool_] | slice = slice(None)) -> float:
+    def condition_number(self, which: Flags | slice = slice(None)) -> float:
         """Return the condition number of some columns of the regressor, scaled to one; infinite if one is zero."""
         singular = np.linalg.svd((self.phi / _column_scale(self.phi))[:, which], compute_uv=False)
         return float(singular[0] / singular[-1]) if singular[-1] > 0 else float('inf')
 
-    def undetermined(self, tolerance: float) -> NDArray[np.bool_]:
+    def undetermined(self, tolerance: float) -> Flags:
         """Return whether the data do not determine each parameter, shape (D,).
 
         Its column is zero, or it takes part in a combination of parameters (of columns scaled to one) to which the

@@ -25,10 +25,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 from scipy.optimize import minimize_scalar
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import GRAVITY, dry_friction_terms, energy_terms
 from pendubot_identification.model.parameters import MODELS, Bounds
@@ -36,8 +37,6 @@ from pendubot_identification.trajectories.motion import Motion
 
 from .energy import Regression, require_plausible_speed
 from .quadratic import Quadratic
-
-Array = NDArray[np.float64]
 
 #: Of a test function, from zero to zero [s].
 WIDTH = 0.3

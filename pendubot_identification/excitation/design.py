@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ExcitationError, ParameterError
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 from pendubot_identification.model.rollout import roll, sensitivities
@@ -22,8 +22,6 @@ from pendubot_identification.model.simulation import HANGING, longest_step
 from pendubot_identification.optimizers.mde import MDESettings, mde
 
 from .excitation import PulseTrain
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

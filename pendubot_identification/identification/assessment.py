@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import ExcitationError
@@ -23,7 +23,6 @@ from .options import DELAYS
 from .prediction import ASSESSED, HORIZONS
 from .settings import Settings
 
-Array = NDArray[np.float64]
 SEVEN = NAMES[: MODELS['viscous']]
 
 

@@ -8,16 +8,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.signal import lfilter
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.likelihood import Extension, Shape, Unknown
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.trajectories.motion import Motion
 
-Array = NDArray[np.float64]
 JOINTS = ('shoulder', 'elbow')
 #: Cogging is a candidate for a joint that turns by more [rad], up to so many times a turn.
 TURN, REPETITIONS = 1.0, 24

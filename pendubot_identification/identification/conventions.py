@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import fdtri, ndtri
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import DELAY_STRIDE, WIDTH, estimate_delay, weak_regression
@@ -39,7 +39,6 @@ from pendubot_identification.trajectories.motion import Motion
 
 from .uncertainty import regression_covariance
 
-Array = NDArray[np.float64]
 Matrix = tuple[tuple[int, int], tuple[int, int]]
 #: With dry friction and a rotor; a richer model would explain faults away.
 MODEL = 'rotor'

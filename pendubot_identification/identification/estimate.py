@@ -8,16 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.level import POOR, Level
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 
 from .prediction import Prediction
 from .uncertainty import student_quantile
-
-Array = NDArray[np.float64]
 
 #: Called now and then: what is being done, how much of it, of how much (0: not known), and the best J so far.
 Progress = Callable[[str, int, int, float], None]
@@ -103,7 +101,7 @@ class Estimate:
     criterion: str
     model: str
     theta: Array
-    free: NDArray[np.bool_]
+    free: Flags
     covariance: Array
     correlation: Array
     std_error: Array
@@ -113,7 +111,7 @@ class Estimate:
     residuals: int
     condition_number: float
     converged: bool
-    fixed: NDArray[np.bool_]
+    fixed: Flags
     steps: tuple[str, ...] = ()
     unexplained: float = np.nan
     J_exact: float = np.nan
@@ -136,7 +134,7 @@ class Estimate:
         return UNITS_OF_J[self.criterion]
 
     @property
-    def present(self) -> NDArray[np.bool_]:
+    def present(self) -> Flags:
         """Which of theta are in the model of this rig, shape (D,)."""
         return ~np.isin(NAMES[: len(self.theta)], self.absent)
 
@@ -153,7 +151,7 @@ class Estimate:
         return np.column_stack([low, self.theta + reach])
 
     @property
-    def determined(self) -> NDArray[np.bool_]:
+    def determined(self) -> Flags:
         """Whether this motion determines each parameter: its standard error is below half its value, shape (D,)."""
         return np.asarray(self.free & (self.std_error <= POOR * np.abs(self.theta)))
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.likelihood import (
     SHARED,
     FilterData,
@@ -40,8 +41,6 @@ from .prediction import state_scale
 from .selection import EffectSettings, Problem, find_effects, vuong
 from .settings import Settings
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 GEARED = MODELS['geared']
 
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pendubot_identification.arrays import Array
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.motion import Motion
@@ -22,8 +20,6 @@ from .fitting import Composite, TrainingData
 from .options import CRITERIA
 from .prediction import Fold
 from .settings import Settings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import Regression, energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.criteria.weak import estimate_delay, residual_weights, weak_regression
@@ -22,8 +22,6 @@ from pendubot_identification.trajectories.signals import SMOOTHING
 from .estimate import REACHED, Effort, Estimate, Progress
 from .settings import Settings
 from .uncertainty import correlations, regression_covariance
-
-Array = NDArray[np.float64]
 
 
 class Linear(NamedTuple):

@@ -12,10 +12,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.trajectories.motion import Motion
-
-Array = NDArray[np.float64]
 
 #: Seconds ahead.
 HORIZONS = (0.1, 0.25, 0.5, 1.0)

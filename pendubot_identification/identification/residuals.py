@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr
 
 from pendubot_identification.criteria.quadratic import Quadratic
@@ -22,8 +21,6 @@ from .estimate import Zeros
 from .fitting import SETTINGS as FITTING
 from .fitting import Composite
 from .selection import Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,13 +15,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.likelihood import Likelihood, LikelihoodFit, fit, fitted_information
 
 from .catalogue import Effect, FoundEffect, catalogue
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtrc, stdtrit
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.level import NORMAL_95
-
-Array = NDArray[np.float64]
 
 
 def student_quantile(freedom: ArrayLike) -> Array:
@@ -44,7 +43,7 @@ def influence_covariance(
     information: Array,
     slopes: Array,
     owner: NDArray[np.intp],
-    free: NDArray[np.bool_],
+    free: Flags,
     difference: Array,
     *,
     exact: bool,
@@ -120,7 +119,7 @@ def influence_covariance(
 
 
 def regression_covariance(
-    residuals: Sequence[Regression], theta: Array, free: NDArray[np.bool_], block: float = 1.0
+    residuals: Sequence[Regression], theta: Array, free: Flags, block: float = 1.0
 ) -> tuple[Array, Array, Array, str]:
     """Return how far a least-squares estimate may be off, as :func:`influence_covariance` does.
 
@@ -154,7 +153,7 @@ def _spread(parts: Array, inverse: Array) -> Array:
 
 def _differ(
     own: Array, spread: Array, inverse: Array, total: float, n: float, between: int, significance: float
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Return in which parameters recordings vary more than all other parameters do, each over its curvature."""
     known = inverse > 0
     others = max(int(known.sum()) - 1, 1)
@@ -164,7 +163,7 @@ def _differ(
     return np.asarray(known & (chance * (others + 1) < significance))
 
 
-def correlations(information: Array, free: NDArray[np.bool_]) -> Array:
+def correlations(information: Array, free: Flags) -> Array:
     """Return the correlations of errors by an information matrix, shape (D, D).
 
     They are NaN in the rows and columns of what is not free, and of what is not identifiable.
@@ -174,13 +173,13 @@ def correlations(information: Array, free: NDArray[np.bool_]) -> Array:
     return np.asarray(covariance / deviation / deviation[:, None])
 
 
-def scaled_condition_number(information: Array, free: NDArray[np.bool_]) -> float:
+def scaled_condition_number(information: Array, free: Flags) -> float:
     """Return the condition number of the residuals' derivative, columns scaled to one, of what is free."""
     scaled, scale = _scaled(information[np.ix_(free, free)])
     return float(np.sqrt(np.linalg.cond(scaled))) if np.isfinite(scale).all() and scaled.size else float('inf')
 
 
-def unidentifiable(information: Array, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def unidentifiable(information: Array, free: Flags) -> Flags:
     """Return which free unknowns have a part in a direction of which there is no information, shape (D,)."""
     lost = free & (np.diag(information) <= 0)
     _, vectors = _identifiable(_scaled(information[np.ix_(free, free)])[0])
@@ -188,7 +187,7 @@ def unidentifiable(information: Array, free: NDArray[np.bool_]) -> NDArray[np.bo
     return lost
 
 
-def inverse_information(information: Array, free: NDArray[np.bool_]) -> Array:
+def inverse_information(information: Array, free: Flags) -> Array:
     """Return the pseudo-inverse of what is free; the rest is 0."""
     result = np.zeros_like(information)
     scaled, scale = _scaled(information[np.ix_(free, free)])

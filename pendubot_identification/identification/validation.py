@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
@@ -22,8 +22,6 @@ from .linear import estimate_linear, linear
 from .prediction import Fold, Prediction, predict
 from .residuals import recorded_zeros
 from .uncertainty import correlations, influence_covariance, scaled_condition_number
-
-Array = NDArray[np.float64]
 
 
 def validated(criterion: str, run: Run, validation_motions: Sequence[Motion], report: Progress) -> Estimate:

@@ -15,9 +15,9 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from pendubot_identification.arrays import Array
 
 #: One number of each joint: shoulder, elbow.
 Pair = tuple[float, float]

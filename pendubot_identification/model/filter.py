@@ -20,14 +20,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pendubot_identification import kernel as compiled
+from pendubot_identification.arrays import Array, Indices
 
 from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 #: The most terms that filter.c takes.
 MOST_TERMS = 256

@@ -11,13 +11,14 @@ from dataclasses import asdict, astuple, dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.errors import ParameterError
 
 from . import MODELS as MODELS
 
-Vector = NDArray[np.float64]
+Vector = Array
 
 
 class Specification(NamedTuple):
@@ -198,12 +199,12 @@ class Bounds:
         return Bounds(np.where(kept, self.lower, 0.0), np.where(kept, self.upper, 0.0), self.names)
 
     @property
-    def present(self) -> NDArray[np.bool_]:
+    def present(self) -> Flags:
         """Which parameters are in the model, shape (D,)."""
         return np.asarray((self.lower != 0) | (self.upper != 0) | ~np.isin(self.names, UNDER_LOAD))
 
     @property
-    def fixed(self) -> NDArray[np.bool_]:
+    def fixed(self) -> Flags:
         """Which of these stay at a value, shape (D,)."""
         return np.asarray(self.present & (self.lower == self.upper))
 
@@ -232,7 +233,7 @@ class Bounds:
         default = (self.lower == 0) & (self.upper == upper) & ~np.isin(self.names, UNDER_LOAD)
         return Bounds(self.lower, np.where(default, factor * upper, self.upper), self.names)
 
-    def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> NDArray[np.bool_]:
+    def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> Flags:
         """Return, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
         margin = tolerance * (self.upper - self.lower)
         values = np.asarray(theta, dtype=float)

@@ -12,13 +12,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pendubot_identification import kernel as compiled
+from pendubot_identification.arrays import Array
 
 from .dynamics import acceleration_derivatives, accelerations
-
-Array = NDArray[np.float64]
 
 #: Lanes times steps that numpy linearises together: enough to be fast, few enough to stay in the processor's cache.
 CHUNK = 2048

@@ -9,16 +9,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .dynamics import GRAVITY, SIGN_WIDTH, Pair
 from .parameters import Parameters
 from .rollout import advance
-
-Array = NDArray[np.float64]
 
 #: Positions [rad] when hanging.
 HANGING: Pair = (-math.pi / 2, 0.0)

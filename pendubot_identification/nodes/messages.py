@@ -7,14 +7,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ControlError, ParameterError
 from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
@@ -67,7 +66,7 @@ def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, Pair, floa
     return m.header.stamp.sec + m.header.stamp.nanosec * 1e-9, q, effort
 
 
-def parameters_message(theta: NDArray[np.float64]) -> Float64MultiArray:
+def parameters_message(theta: Array) -> Float64MultiArray:
     """Return a parameter vector, shape (D,), as a message; ``layout.dim[0].label`` names its entries, ``P1,P2,...``."""
     names = ','.join(NAMES[: len(theta)])
     message = Float64MultiArray(data=theta.tolist())
@@ -118,9 +117,7 @@ class Identification:
         self._params = node.create_publisher(Float64MultiArray, 'pendubot/params', LATCHED)
         self._quality = node.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)
 
-    def publish(
-        self, level: Level, summary: str, values: Mapping[str, Any], theta: NDArray[np.float64] | None = None
-    ) -> None:
+    def publish(self, level: Level, summary: str, values: Mapping[str, Any], theta: Array | None = None) -> None:
         """Publish the quality first, so that a receiver of the parameters, if any, can already know it."""
         self._quality.publish(status_message(self._node, 'pendubot identification', level, summary, values))
         if theta is not None:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pendubot_identification import kernel as compiled
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, Bounds
 
@@ -31,8 +32,6 @@ from .optimizer import (
     reasons_to_stop,
     run_generations,
 )
-
-Array = NDArray[np.float64]
 
 #: Of mde.c: the length of its rows is a multiple of the first; after so many generations it returns to Python for the
 #: progress and interrupts.

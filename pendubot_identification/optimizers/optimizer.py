@@ -10,10 +10,10 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array, Indices
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import Bounds
 
-Array = NDArray[np.float64]
 #: Values of a function at points: (..., D) in, (...) out.
 Objective = Callable[[Array], Array]
 #: Called with the generations done and the best value so far.
@@ -31,7 +31,7 @@ class OptimizationResult:
 
     x: Array  #: best point of each run, shape (runs, D).
     value: Array  #: value of that point, shape (runs,).
-    generations: NDArray[np.int64]  #: number of generations of each run, shape (runs,).
+    generations: Indices  #: number of generations of each run, shape (runs,).
     #: Best value after each generation, shape (generations + 1, runs); a run that has stopped keeps its last value.
     history: Array
     stopped_by: tuple[str, ...]  #: per run ``generations``, ``target`` or ``spread``.
@@ -44,7 +44,7 @@ class OptimizationResult:
         return int(np.argmin(self.value))
 
     @property
-    def evaluations(self) -> NDArray[np.int64]:
+    def evaluations(self) -> Indices:
         """The number of function values of each run, shape (runs,)."""
         return self.at_start + self.generations * self.per_generation
 

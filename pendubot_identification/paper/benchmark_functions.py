@@ -7,11 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.model.parameters import Bounds
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

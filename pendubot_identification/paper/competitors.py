@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.optimizers.mde import MDESettings, generation
 from pendubot_identification.optimizers.optimizer import (
@@ -21,8 +21,6 @@ from pendubot_identification.optimizers.optimizer import (
     random_points,
     run_generations,
 )
-
-Array = NDArray[np.float64]
 
 #: Settings with which MDE is plain DE, rand/1/bin (Storn and Price 1997): one F, one CR, partners once a vector. The
 #: values of Table 3 are Pedersen's for 10 dimensions and 20 000 function values (Good parameters for differential

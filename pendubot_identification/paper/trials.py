@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import mannwhitneyu
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.optimizers.mde import MDESettings, mde
@@ -18,8 +18,6 @@ from pendubot_identification.optimizers.optimizer import MOST_VECTORS, Objective
 
 from .benchmark_functions import FUNCTIONS, BenchmarkFunction
 from .competitors import CLASSIC, PARTICLES, hde, pso
-
-Array = NDArray[np.float64]
 
 #: Table 3: a run stops at this error, or after 4000 generations. The 4000 of PSO are function values, as in SwarmOps;
 #: otherwise it does not match its column of Table 4.
@@ -84,7 +82,7 @@ class Outcome:
     result: OptimizationResult
 
     @property
-    def arrived(self) -> NDArray[np.bool_]:
+    def arrived(self) -> Flags:
         """Whether each run reached its target, shape (runs,)."""
         return np.array([reason == 'target' for reason in self.result.stopped_by])
 

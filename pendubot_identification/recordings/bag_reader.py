@@ -16,8 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array, Indices
 from pendubot_identification.errors import BagError, LongRecordingError, MissingFileError, TrajectoryError
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -175,7 +175,7 @@ def joint_samples(
     window: BagWindow,
     conversion: Conversion,
     margin_ns: int = SETTINGS.latency_ns,
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+) -> Iterator[tuple[Indices, Array]]:
     """Yield the samples of two joints in a window, many at once; not finite, late or out of order as they are.
 
     Each block is t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and position, effort
@@ -252,7 +252,7 @@ def read_trajectory(
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, note, taken_as)
 
 
-def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) -> Iterator[NDArray[np.float64]]:
+def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) -> Iterator[Array]:
     """Yield rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], many at a time.
 
     Raises:
@@ -274,9 +274,7 @@ def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) ->
         yield np.column_stack([elapsed_ns / 1e9, q @ Q.T + c, values[:, 1] @ T.T + d])
 
 
-def _collect(
-    reader: BagReader, window: BagWindow, conversion: Conversion
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _collect(reader: BagReader, window: BagWindow, conversion: Conversion) -> tuple[Indices, Array]:
     """Return all samples of a window as one block; of too long a recording, enough of them to recognise that."""
     for margin_ns in (SETTINGS.latency_ns, FOREVER_NS):
         times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
@@ -291,7 +289,7 @@ def _collect(
     return np.concatenate(times), np.concatenate(values)
 
 
-def _require_short(window: BagWindow, t: NDArray[np.float64], duration: float) -> None:
+def _require_short(window: BagWindow, t: Array, duration: float) -> None:
     """Raise TrajectoryError for an empty or too long window, with samples at t [s], of ``duration`` [s]."""
     if not len(t):
         raise TrajectoryError(f'{window} holds no sample; choose a time within the {duration:.3f} s of the recording')

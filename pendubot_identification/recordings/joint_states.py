@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from rosbags.serde import SerdeError
 
+from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.errors import BagError
 from pendubot_identification.trajectories.conventions import JOINT_NAMES, JOINT_STATES_TOPIC
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -55,7 +56,7 @@ def stamp_of(message: Any) -> int:
     return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
-def stamps_ns(found: NDArray[np.void]) -> NDArray[np.int64]:
+def stamps_ns(found: NDArray[np.void]) -> Indices:
     """Return stamps [ns], shape (N,), of the starts of little-endian messages, each a :data:`STAMP`."""
     return found['sec'].astype(np.int64) * 1_000_000_000 + found['nanosec']
 
@@ -73,7 +74,7 @@ class JointDecoder:
         self._count = 0
         self._layout: _Layout | None = None
 
-    def __call__(self, messages: Messages) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def __call__(self, messages: Messages) -> tuple[Indices, Array]:
         """Return stamps [ns], shape (N,), and position, effort and velocity, NaN where there is none, shape (N, 3, 2).
 
         Raises:
@@ -142,9 +143,7 @@ class _Layout(NamedTuple):
         offsets = [position + 8 * k for k in joints] + [effort + 8 * k for k in efforts]
         return cls(example, same, offsets + [velocity + 8 * k for k in joints if m == n])
 
-    def read(
-        self, messages: Messages, which: NDArray[np.intp], stamps: NDArray[np.int64], values: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def read(self, messages: Messages, which: NDArray[np.intp], stamps: Indices, values: Array) -> Flags:
         """Read those of the messages ``which`` that have this layout into their places; return a mask of them."""
         size = len(self.example)
         found = messages.heads['length'][which] == FIELDS + size

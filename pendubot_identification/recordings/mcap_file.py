@@ -32,6 +32,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
 from numpy.typing import DTypeLike, NDArray
 
+from pendubot_identification.arrays import Indices
 from pendubot_identification.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -79,7 +80,7 @@ class Messages:
     """Messages of one block of records."""
 
     data: bytes  #: their records, perhaps with others in between.
-    starts: NDArray[np.int64]  #: offset of each record, shape (N,).
+    starts: Indices  #: offset of each record, shape (N,).
     heads: NDArray[np.void]  #: the records up to the data, each a :data:`MESSAGE`, shape (N,).
 
     @classmethod
@@ -212,7 +213,7 @@ class McapFile:
             if ready:
                 yield found.part(slice(ready))
 
-    def _read_parts(self, rows: NDArray[np.int64]) -> Iterator[tuple[Messages, int]]:
+    def _read_parts(self, rows: Indices) -> Iterator[tuple[Messages, int]]:
         """Yield the messages of parts of the index, sorted by first log time, and the first log time of the next part.
 
         Several small parts are read together.
@@ -238,7 +239,7 @@ class McapFile:
                 yield found, next_ns
                 waiting, size = [], 0
 
-    def _read_summary(self) -> NDArray[np.int64]:
+    def _read_summary(self) -> Indices:
         """Take counts and definitions from the end of the file; return its index of chunks, or raise anything."""
         at = self._size - len(MAGIC) - FOOTER_SIZE
         record = self._read(at, FOOTER_SIZE + len(MAGIC))
@@ -403,7 +404,7 @@ def _parsed(kind: Any, content: bytes) -> Any:
     return record
 
 
-def _gathered(data: bytes, places: NDArray[np.int64], kind: np.dtype[Any]) -> NDArray[Any]:
+def _gathered(data: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
     """Return the values of one type at some offsets in bytes, shape (N,)."""
     everywhere = np.ndarray((max(len(data) - kind.itemsize + 1, 0), kind.itemsize), np.uint8, data, 0, (1, 1))
     return everywhere[places].view(kind)[:, 0]

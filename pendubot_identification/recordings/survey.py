@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Indices
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -69,7 +69,7 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
     ]
 
 
-def _in_numbers(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: NDArray[np.int64]) -> dict[str, Any]:
+def _in_numbers(logged: Indices, stamps: Indices, numbers: Indices) -> dict[str, Any]:
     """Describe messages by their log times and stamps [ns], and the recorder's numbers; some may have no stamp."""
     stamped = len(stamps) == len(logged) > 0 and bool(stamps.all())
     if (logged[1:] < logged[:-1]).any():
@@ -89,7 +89,7 @@ def _in_numbers(logged: NDArray[np.int64], stamps: NDArray[np.int64], numbers: N
     }
 
 
-def regularity(times_ns: NDArray[np.int64]) -> dict[str, Any]:
+def regularity(times_ns: Indices) -> dict[str, Any]:
     """Return the regularity of times in the order of arrival [ns], shape (N,), for JSON; None where it is unknown.
 
     ``period`` is the median interval, ``jitter`` the 99 % quantile of the deviations from it, ``longest`` the longest
@@ -115,7 +115,7 @@ def regularity(times_ns: NDArray[np.int64]) -> dict[str, Any]:
     }
 
 
-def missing_numbers(numbers: NDArray[np.int64], before: int = 0) -> int:
+def missing_numbers(numbers: Indices, before: int = 0) -> int:
     """Return how many of the recorder's numbers are missing among these, which follow ``before``.
 
     Recorders that do not number leave zeros.

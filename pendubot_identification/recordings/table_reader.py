@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TableError
 from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
 from pendubot_identification.trajectories.conversion import Conversion, options
@@ -182,7 +182,7 @@ class TableReader:
             raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
         return motion
 
-    def _numbers(self, column: str) -> NDArray[np.float64]:
+    def _numbers(self, column: str) -> Array:
         """Return a column as numbers, shape (N,); with ``skip_missing``, NaN for other cells, else TableError."""
         cells = self.table.cells[self.table.names.index(column)]
         numbers = _numbers(cells, comma=self.given.decimal == 'comma')
@@ -211,7 +211,7 @@ def _only(found: list[str]) -> str:
     return found[0] if len(found) == 1 else ''
 
 
-def _numbers(cells: Any, *, comma: bool) -> NDArray[np.float64]:
+def _numbers(cells: Any, *, comma: bool) -> Array:
     """Return cells as numbers, NaN where there is none; times of day and durations in seconds since the first."""
     if isinstance(cells, tuple):
         return np.array([_number(cell.replace(',', '.') if comma else cell) for cell in cells])

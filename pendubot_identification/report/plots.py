@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 from scipy.stats import binned_statistic
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.identification.catalogue import FoundEffect, catalogue, compensated
@@ -37,7 +38,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .style import GREY, SMALL, rendered, style
 from .time_plot import Line, Panel, Span, TimePlot, thinned
 
-Array = NDArray[np.float64]
 #: The motions that estimate, and those that validate.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
 MEASURED, SIMULATED = '#1a1a1a', '#d55e00'

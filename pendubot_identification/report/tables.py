@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.excitation.design import Experiment
 from pendubot_identification.excitation.design import Predicted as Excited
 from pendubot_identification.identification.assessment import SETTINGS as ASSESSMENT
@@ -343,9 +343,7 @@ def motion_lines(found: Excited, experiment: Experiment) -> list[str]:
     ]
 
 
-def excitation_table(
-    parameters: Parameters, std_error: NDArray[np.float64] | None, paper: Excited, found: Excited
-) -> Table:
+def excitation_table(parameters: Parameters, std_error: Array | None, paper: Excited, found: Excited) -> Table:
     """Return a row a parameter: its standard error now, after the paper's pulses, and after those found.
 
     In % of its value or, where that is 0, in its unit. Parameters that are 0 and not identifiable are left out.

@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from .table import typeset
+from pendubot_identification.arrays import Array
 
-Array = NDArray[np.float64]
+from .table import typeset
 
 #: Largest number of times that a panel shows: of each interval the lowest and the highest value of each line.
 MOST_POINTS = 2400

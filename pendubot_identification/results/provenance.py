@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import BagError, MissingFileError
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
     criterion: str
     model: str
-    theta: NDArray[np.float64]
+    theta: Array
     delay: float
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ResultError
 from pendubot_identification.files import read_yaml, yaml_text
 from pendubot_identification.model.parameters import MODELS, NAMES, Parameters
@@ -44,7 +44,7 @@ def read_complete_result(path: Path) -> Result:
     return structured(Result, _read(path), path)
 
 
-def read_estimate(path: Path) -> tuple[Parameters, NDArray[np.float64] | None]:
+def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
     """Return the parameters of a result file, 0 if absent, and their standard errors, shape (D,), if it has them all.
 
     Raises:

@@ -23,9 +23,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.energy import Regression, require_plausible_speed
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.errors import TrajectoryError
@@ -34,8 +34,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import LONGEST_GAP
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-Array = NDArray[np.float64]
-Rows = tuple[Array, Array, NDArray[np.bool_]]
+Rows = tuple[Array, Array, Flags]
 
 #: Duration of a block, stride of its test functions, step of the nodes of integrals [s]; step of the nodes of errors
 #: in these steps.
@@ -130,9 +129,9 @@ class Samples:
         # A new dictionary, because another thread may read the old one.
         self.notes = {**self.notes, fault: self.notes.get(fault, 0) + count}
 
-    def _usable(self, samples: Array) -> NDArray[np.bool_]:
+    def _usable(self, samples: Array) -> Flags:
         """Return which samples are finite and later than those before them; count the others."""
-        usable: NDArray[np.bool_] = np.asarray(np.isfinite(samples).all(axis=1))
+        usable: Flags = np.asarray(np.isfinite(samples).all(axis=1))
         if not usable.all():
             self._note('a number that is not finite', int((~usable).sum()))
         t, latest = samples[:, 0], self.newest[-1, 0] if len(self.newest) else -np.inf
@@ -249,7 +248,7 @@ def _weighted_rows(motion: Motion, begin: float, count: int, settings: SegmentSe
     return rows, rows / settings.weights[0], moving
 
 
-def _moving(motion: Motion, begin: float, count: int) -> NDArray[np.bool_]:
+def _moving(motion: Motion, begin: float, count: int) -> Flags:
     """Return whether a joint turns under each test function of the blocks from ``begin`` [s] on, shape (count, K)."""
     t = begin + STRIDE * np.arange(count * K)[:, None] + WIDTH * np.linspace(0, 1, 7)
     turned = np.ptp(motion.states(t)[:2], axis=-1).max(axis=0)

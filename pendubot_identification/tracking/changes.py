@@ -15,11 +15,10 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pendubot_identification.arrays import Array
 
 from .filter import Innovations
-
-Array = NDArray[np.float64]
 
 #: Unknowns beside theta, in this order: the delay of the effort [s]; P4 and P5 along the horizontal, not 0 under a tilt
 #: of the base; the dead zone of the motor [N m]; the rate of all torque [1/s].

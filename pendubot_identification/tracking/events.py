@@ -8,15 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS, NAMES, Parameters
 from pendubot_identification.trajectories.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: The kind of a change since the parameters of the start were identified.
 NOT_AS_BEFORE = 'not as it was identified before'

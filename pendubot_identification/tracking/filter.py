@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pendubot_identification.arrays import Array
 
 from .blocks import Block
 
-Array = NDArray[np.float64]
 T = TypeVar('T', float, Array)
 
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.level import POOR, Level
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
@@ -31,8 +31,6 @@ from .changes import DRIFT, RATE, SEVERAL, ChangeType, StepChange, most_likely_s
 from .events import Change, Disturbance, Event, Lost, State
 from .filter import Estimate, Innovations, Noise
 from .settings import TrackerSettings
-
-Array = NDArray[np.float64]
 
 
 class Prediction(NamedTuple):

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.quadratic import SIZING, Quadratic, box_factor
 from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
 from pendubot_identification.errors import ExcitationError, PendubotError
@@ -32,8 +32,6 @@ from .events import NOT_AS_BEFORE, Change, Start
 from .filter import Estimate, Innovations, Noise
 from .following import Following
 from .settings import TrackerSettings
-
-Array = NDArray[np.float64]
 
 #: Scales of delay [s] and rate [1/s]; longest delay [s]; largest tilt [kg m] and dead zone [N m] of a rig
 #: within the default bounds.

@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ExcitationError, PendubotError
 from pendubot_identification.model.parameters import MODELS, Bounds, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -18,8 +18,6 @@ from .events import Event, Lost, Start, State
 from .following import Following, step
 from .settings import TrackerSettings
 from .start import start_following
-
-Array = NDArray[np.float64]
 
 #: Samples that are taken at once.
 PORTION = 8192

@@ -6,13 +6,11 @@
 from collections import defaultdict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.trajectories.signals import LONGEST_GAP
 
 from .events import Disturbance, Event
-
-Array = NDArray[np.float64]
 
 #: Duration of a window and step between the times at which one may begin [s]; largest number of windows.
 LENGTH, STEP, NAMED = 60, 10, 3

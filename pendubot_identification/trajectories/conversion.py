@@ -13,8 +13,8 @@ from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, TrajectoryError
 
 from .conventions import (
@@ -28,8 +28,6 @@ from .conventions import (
     current_name,
 )
 from .trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: Quantities that can be negated or have an offset.
 QUANTITIES = ('q1', 'q2', 'tau1', 'tau2')

@@ -10,14 +10,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
+
+from pendubot_identification.arrays import Array
 
 from .conversion import Affine
 from .signals import differentiate, resample
 from .trajectory import Trajectory
 
-Array = NDArray[np.float64]
 T = TypeVar('T')
 
 

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
 
 from .trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.errors import TrajectoryError
-
-Array = NDArray[np.float64]
 
 #: Fewest samples for seven parameters after smoothing, with residuals for their uncertainty.
 MINIMUM_SAMPLES = 50
@@ -78,7 +76,7 @@ class Trajectory:
         elapsed = self.t - self.t[0]
         return self[(elapsed >= start - 1e-9) & (elapsed < end - 1e-9)]
 
-    def __getitem__(self, index: slice | NDArray[np.bool_]) -> Trajectory:
+    def __getitem__(self, index: slice | Flags) -> Trajectory:
         qd = None if self.qd is None else self.qd[index]
         return replace(self, t=self.t[index], q=self.q[index], tau=self.tau[index], qd=qd)
 
