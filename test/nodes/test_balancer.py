@@ -132,7 +132,7 @@ def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_a
     assert torques.max() <= 0.15
     assert exciter.stop() == 0
     rig.begin()
-    assert rig.node.count_publishers(EFFORT) == 1
+    rig.until(lambda: rig.node.count_publishers(EFFORT) == 1)
     # An exciter that comes while it drives gives way, and disarms nothing.
     cut = len(rig.trace())
     exciter = rig.start('exciter', *parameters(**GENTLE))
