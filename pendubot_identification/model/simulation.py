@@ -31,7 +31,7 @@ class StepSettings:
     of_swing: float = 0.03  #: Longest step, over the period of the highest frequency [rad/s] of the rig.
     of_decay: float = 0.25  #: Longest step, over the time constant of the highest rate [1/s] of friction.
     stable: float = 2.5  #: Longest step of a coarse simulation, over that time constant: beyond 2.78 it oscillates.
-    finest: int = 10  #: Most parts into which a step of a coarse simulation is divided.
+    finest: int = 20  #: Most parts into which a step of a coarse simulation is divided.
 
 
 SETTINGS = StepSettings()

@@ -60,7 +60,7 @@ def test_coarse_steps_are_divided_until_friction_is_stable(rig, parts):
     states = roll(rig.vector(), np.array([[-1.5], [0.02], [0.0], [0.05]]), tau, step / parts)[::parts, :, 0]
     exact = simulate(rig, np.arange(101) * step, np.zeros((101, 2)), (-1.5, 0.02), (0.0, 0.05))
     np.testing.assert_allclose(states[:, :2], exact.q, atol=5e-4)
-    assert substeps(replace(rig, P2=0.0, J2=0.0), torques, step) == 10
+    assert substeps(replace(rig, P2=0.0, J2=0.0), torques, step) == 20
 
 
 def test_a_rig_that_cannot_be_is_refused():
