@@ -20,7 +20,7 @@ from .assessment import assess, require_excitation
 from .catalogue import compensated
 from .conventions import Fault, corrected_conversion, diagnose, link_length, with_options
 from .estimate import Progress
-from .fitting import TrainingData, fit_composite
+from .fitting import Composite, TrainingData, fit_composite
 from .identification import Identification, Run
 from .prediction import folds
 from .residuals import remarks
@@ -107,7 +107,7 @@ def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
 
 
 def _fit(run: Run, report: Progress) -> Run:
-    """Minimise the likelihood. A fault that accepted effects explain is none, except an offset, which has an option."""
+    """Minimise the likelihood."""
     if 'likelihood' not in run.settings.criteria:
         return run
     report('weak: rough parameters', 0, 0, math.nan)
@@ -119,16 +119,20 @@ def _fit(run: Run, report: Progress) -> Run:
         corrected = corrected_conversion(run.faults)
         words = {} if corrected is None else corrected.words()
         raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
+    return replace(run, data=composite.data, composite=composite, faults=_remaining_faults(run, composite))
+
+
+def _remaining_faults(run: Run, composite: Composite) -> tuple[Fault, ...]:
+    """Return the faults that accepted effects do not explain, and an offset, which has an option."""
     # Coarse encoders alone may leave as much: on an exact rig nothing else does.
     faults = tuple(fault for fault in run.faults if fault.name != 'motion' or not composite.exact)
-    run = replace(run, data=composite.data, composite=composite, faults=faults)
     if not faults or not any(found.accepted for found in composite.effects):
-        return run
+        return faults
     motions = composite.data.excerpt().motions
     left = _faults(run, [compensated(m, composite.effects, composite.delay) for m in motions])
     named = {fault.name for fault in left}
     mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in faults]
-    return replace(run, faults=tuple(fault for fault in mild if fault.name in {*named, 'offset'}))
+    return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
 
 def _check_residuals(run: Run, report: Progress) -> Run:
