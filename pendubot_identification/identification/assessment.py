@@ -128,20 +128,20 @@ def assess(
     mild = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name != 'motion']
     unfit = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name == 'motion']
     named = set() if severe else {fault.name for fault in faults}
-    errors, doubts = list(_errors(estimate, settings)), [*unfit, *_doubts(estimate, settings)]
+    errors, reservations = list(_errors(estimate, settings)), [*unfit, *_reservations(estimate, settings)]
     if 'delay' not in named:
         # The default search covers every sensible delay; a narrower one is the user's.
-        (errors if settings.delays == DELAYS else doubts).extend(_delay_at_end(estimate, settings))
+        (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
     if 'zero' not in named:
-        doubts += _wrong_zeros(estimate)
+        reservations += _wrong_zeros(estimate)
     if not named - {'motion'}:  # signs, order, zeros, units, counts and stamps all change the length
-        doubts += _wrong_length(estimate, *link_length)
-    warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *doubts]
+        reservations += _wrong_length(estimate, *link_length)
+    warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
     return replace(
         estimate,
         level=Level.ERROR if severe or errors else Level.WARN if warnings else Level.OK,
         warnings=tuple(warnings),
-        consequences=(*errors, *doubts) if severe else (),
+        consequences=(*errors, *reservations) if severe else (),
         advice=() if severe else tuple(_advice(estimate)),
     )
 
@@ -182,7 +182,7 @@ def _errors(e: Estimate, settings: Settings) -> Iterator[str]:
         )
 
 
-def _doubts(e: Estimate, settings: Settings) -> Iterator[str]:
+def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
     """Yield the reasons for reservations about the result."""
     theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES[: len(e.theta)])
     # Friction of one kind may well be zero where there is another.

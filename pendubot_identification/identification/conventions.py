@@ -62,7 +62,7 @@ class ConventionSettings:
     #: Unexplained fraction above which a motion fits no pendubot: real rigs leave .02, simulated ones at end stops .3.
     unfit: float = 0.35
     #: The same above which it hardly fits: unmodelled effects leave at most .08, a push or lost counts .15.
-    doubtful: float = 0.1
+    poor_fit: float = 0.1
     #: Motion [rad] below which recordings fit any rig.
     moved: float = 0.5
     #: Motion, in the unit of the recording, below which it is not in degrees.
@@ -193,7 +193,7 @@ def diagnose(
         corrected = corrected.after(fault.change, fault.delay)
     if corrected.unexplained > SETTINGS.unfit:
         faults, corrected = [], recordings
-    if corrected.unexplained > SETTINGS.doubtful:
+    if corrected.unexplained > SETTINGS.poor_fit:
         faults += _unfit(corrected)
     faults += _wrong_unit(corrected)
     if expected_link_length is not None:

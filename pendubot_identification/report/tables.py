@@ -44,14 +44,14 @@ def relative_half_width(entry: Parameter) -> float | None:
 
 
 def parameter_table(result: Result, beside: Beside | None = None, *, complete: bool = False) -> Table:
-    """Return a row for each parameter: estimate, 95 % interval, the estimates of others, and doubts.
+    """Return a row for each parameter: estimate, 95 % interval, the estimates of others, and reservations.
 
-    ``complete``: with its meaning, and with all doubts instead of one.
+    ``complete``: with its meaning, and with all reservations instead of one.
     """
     format, entries, head = rounding(result.parameters.values()), result.parameters, papers_head(result)
     others = {head: result.criteria['energy'].parameters} if head else {}
     others |= {beside[1]: beside[0].parameters} if beside else {}
-    doubts = [_doubts(result, name) if complete else _doubt(entry) for name, entry in entries.items()]
+    reservations = [_reservations(result, name) if complete else _reservation(entry) for name, entry in entries.items()]
     columns = [
         ['', *(f'{name} [{entry.unit}]' for name, entry in entries.items())],
         ['meaning', *(MEANINGS[name] for name in entries)] if complete else [],
@@ -61,14 +61,14 @@ def parameter_table(result: Result, beside: Beside | None = None, *, complete: b
             *(' to '.join(number(bound, format) for bound in entry.interval) for entry in entries.values()),
         ],
         *([title, *(number(p[n].value, format) if n in p else '-' for n in entries)] for title, p in others.items()),
-        ['', *doubts] if any(doubts) else [],
+        ['', *reservations] if any(reservations) else [],
     ]
     titles, *lines = zip(*filter(None, columns), strict=True)
     missing = (f'not in the model: {which}' for which in result.not_in_model)
     return Table(titles, lines, [f'95 % intervals: {result.criteria[result.criterion].uncertainty}', *missing])
 
 
-def _doubts(result: Result, name: str) -> str:
+def _reservations(result: Result, name: str) -> str:
     """Return why an estimate is not reliable, and with which others it is correlated."""
     answer = result.criteria[result.criterion]
     together = [
@@ -78,7 +78,7 @@ def _doubts(result: Result, name: str) -> str:
         )
         if other != name and value is not None and abs(value) > ASSESSMENT.correlated
     ]
-    reasons = [_doubt(result.parameters[name]), result.not_covered.get(name, ''), *together]
+    reasons = [_reservation(result.parameters[name]), result.not_covered.get(name, ''), *together]
     return '; '.join(filter(None, dict.fromkeys(reasons)))
 
 
@@ -101,7 +101,7 @@ def rounding(entries: Iterable[Parameter]) -> str:
     return f'.{min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)}f'
 
 
-def _doubt(entry: Parameter) -> str:
+def _reservation(entry: Parameter) -> str:
     if entry.fixed:
         return 'fixed'
     if entry.on_bound:

@@ -264,7 +264,7 @@ def test_what_a_user_named_is_no_markup():
     assert 'iframe' not in Page(result_page(typed(result), drawn)).tags
 
 
-def test_doubts_and_correlations_stand_beside_their_parameter():
+def test_reservations_and_correlations_stand_beside_their_parameter():
     result = plain()
     result['parameters']['P4'] |= {'on_bound': True, 'std_error': None}
     result |= {'not_covered': {'P4': 'on its bound', 'b1': 'its 95 % interval reaches 0'}}

@@ -67,7 +67,7 @@ def test_what_is_not_in_the_model_has_no_row_and_is_named():
     assert [row[0].split()[0] for row in table.rows] == list(NAMES[:13])
 
 
-def test_a_parameter_is_shown_with_its_interval_and_its_doubts():
+def test_a_parameter_is_shown_with_its_interval_and_its_reservations():
     result = plain(('energy',))
     rows = columns(parameter_table(typed(result)).text())
     for name, entry in result['parameters'].items():
