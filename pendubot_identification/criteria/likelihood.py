@@ -109,11 +109,10 @@ class FilterData:
             for number, motion in enumerate(motions):
                 chosen = _thinned(motion.recorded.t, interval)
                 t = motion.recorded.t[chosen]
-                speeds = np.abs(motion.states(t)[2:])
-                slower, faster = speeds.min(axis=0), speeds.max(axis=0)
                 longest = np.full(len(t) - 1, settings.step)
                 if settings.fine < settings.step:
-                    longest[np.minimum(slower[:-1], slower[1:]) < settings.slow] = settings.fine
+                    longest[_slow(motion, chosen, settings.slow)] = settings.fine
+                faster = np.abs(motion.states(t)[2:]).max(axis=0)
                 turns = np.maximum(faster[:-1], faster[1:]) / settings.turn
                 count = np.ceil(np.diff(t) * np.maximum(1 / longest, turns) - 1e-9).astype(int)
                 part = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
@@ -226,6 +225,13 @@ def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
     every = max(1, round(interval / usual)) * usual
     nearest = np.searchsorted(t, np.arange(t[0], t[-1] + usual / 2, every) - usual / 2)
     return np.unique(np.minimum(nearest, len(t) - 1))
+
+
+def _slow(motion: Motion, chosen: NDArray[np.intp], limit: float) -> Flags:
+    """Return between which of the chosen samples a joint is slower than a limit [rad/s] or turns back."""
+    v = motion.states(motion.recorded.t)[2:]
+    slow = (np.minimum(np.abs(v[:, 1:]), np.abs(v[:, :-1])) < limit) | (v[:, 1:] * v[:, :-1] < 0)
+    return np.asarray(np.logical_or.reduceat(slow.any(axis=0), chosen[:-1]))
 
 
 def _at_rest(motion: Motion, limit: Array, still: float) -> Flags:

@@ -425,12 +425,10 @@ def _first_fit(data: TrainingData, progress: Progress) -> Problem:
                 f'{data.motions[0].name}: no filter follows this motion from the rough parameters; check signs, units '
                 'and stamps, or choose another part of the recording'
             )
-        found = min(tried, key=lambda problem: problem.fit.cost)
-        theta, used = found.fit.x[:GEARED], fine
-        fine = _stable_step(data, theta)
+        found, used = min(tried, key=lambda problem: problem.fit.cost), fine
+        fine = _stable_step(data, found.fit.x[:GEARED])
         if fine >= used:
             return found
-        starts.append((theta.copy(), float(found.fit.x[GEARED])))
 
 
 def _stable_step(data: TrainingData, theta: Array) -> float:
@@ -463,9 +461,10 @@ def _rough(data: TrainingData) -> Iterator[tuple[Array, float]]:
     """Yield theta, shape (14,), and a delay [s] to start from: those given, or the answers of the weak criterion.
 
     Smoothed velocities of few samples may pass for a delay of the torque, so that it is tried without one, too.
+    Friction under load starts at 0: in the weak criterion it may pass for a motor with less torque.
     """
     settings = data.settings
-    none, model = settings.least_delay, 'geared' if settings.model == 'auto' else settings.model
+    none, model = settings.least_delay, 'rotor' if settings.model in ('auto', 'geared') else settings.model
     if settings.start is not None:
         yield settings.start.vector('geared'), none
         return

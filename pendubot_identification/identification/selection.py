@@ -65,11 +65,6 @@ class Problem:
         x, low, high = (np.insert(values, at, new) for values, new in pairs)
         return grown, x, low, high
 
-    def solved(self) -> Problem:
-        """Return the problem fitted to the end."""
-        found = fit(self.likelihood, self.fit.x, self.lower, self.upper, iterations=30, tolerance=0.3)
-        return replace(self, fit=found)
-
     def with_effects(self, effects: Sequence[Effect], iterations: int = 20) -> Problem:
         """Return the problem with more effects, solved."""
         like, x, lower, upper = self.extended(effects)
@@ -92,7 +87,8 @@ def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[
         if selected is None:
             break
         best, problem = selected
-        base = problem.solved()
+        to_the_end = fit(problem.likelihood, problem.fit.x, problem.lower, problem.upper, iterations=30, tolerance=0.3)
+        base = replace(problem, fit=to_the_end)
         found.append((best, base))
         if not best.accepted:
             break
@@ -125,13 +121,9 @@ def _compete(
     everywhere = bool((by_recording[best] > 0).all())
     at, count = base.likelihood.shared, len(candidate.extension.unknowns)
     inside = bool(problem.fit.free[at : at + count].all())
-    names = [(c.name, c.where) for c, *_ in results]
-    chosen = (
-        [names[int(np.argmax(np.delete(by_recording, k, axis=1).sum(axis=1) - cost))] for k in range(recordings)]
-        if recordings >= 3
-        else [names[best]]
-    )
-    stable = all(name == names[best] for name in chosen)
+    left_out = range(recordings) if recordings >= 3 else ()
+    winners = [results[int(np.argmax(np.delete(by_recording, k, axis=1).sum(axis=1) - cost))][0] for k in left_out]
+    stable = all((each.name, each.where) == (candidate.name, candidate.where) for each in winners)
     accepted = z > settings.sure and everywhere and stable and inside
     if not accepted and z < settings.tried:
         return None

@@ -247,11 +247,11 @@ def test_a_start_that_is_wrong_by_three_arrives():
     assert result.level is Level.OK
 
 
-@pytest.mark.parametrize('seed', [2, 4])
-def test_a_stiff_rig_is_identified_from_few_samples(seed):
-    """At 33 Hz; of seed 4, smoothed velocities pass for a delay of 45 ms, from which another minimum is near."""
-    result = identify([recording(300, 0.03, rig=STIFF, seed=seed, strength=4.0)], [], Settings(hold='zero'))
-    np.testing.assert_allclose(result.best.theta[:5], STIFF.vector()[:5], rtol=0.03)
+@pytest.mark.parametrize(('seed', 'strength'), [(2, 4.0), (4, 4.0), (4, 2.0)])
+def test_a_stiff_rig_is_identified_from_few_samples(seed, strength):
+    """At 33 Hz. Of seed 4, smoothed velocities pass for a delay of 45 ms, and weak torques for friction under load."""
+    result = identify([recording(330, 0.03, rig=STIFF, seed=seed, strength=strength)], [], Settings(hold='zero'))
+    np.testing.assert_allclose(result.best.theta[:5], STIFF.vector()[:5], rtol=0.05)
     assert abs(result.best.effort.delay) < 1e-3
 
 
