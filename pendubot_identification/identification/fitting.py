@@ -466,16 +466,16 @@ def _rough(data: TrainingData) -> Iterator[tuple[Array, float]]:
     settings = data.settings
     none, model = settings.least_delay, 'rotor' if settings.model in ('auto', 'geared') else settings.model
     if settings.start is not None:
-        yield settings.start.vector('geared'), none
-        return
-    made = [data.linear('weak', model)]
-    if abs(made[0].delay - none) > max(m.interval for m in data.motions) / 2:
-        made.append(linear('weak', data.motions, model, replace(settings, delays=(none, none))))
-    for each in made:
-        theta = np.zeros(GEARED)
-        theta[: MODELS[model]] = each.criterion.minimum(settings.box(model))
+        answers = [(settings.start.vector('geared'), none)]
+    else:
+        made = [data.linear('weak', model)]
+        if abs(made[0].delay - none) > max(m.interval for m in data.motions) / 2:
+            made.append(linear('weak', data.motions, model, replace(settings, delays=(none, none))))
+        rest = np.zeros(GEARED - MODELS[model])
+        answers = [(np.append(each.criterion.minimum(settings.box(model)), rest), each.delay) for each in made]
+    for theta, delay in answers:
         theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
-        yield theta, each.delay
+        yield theta, delay
 
 
 def _first_noise(data: TrainingData, filter_data: FilterData) -> Array:

@@ -255,6 +255,11 @@ def test_a_stiff_rig_is_identified_from_few_samples(seed, strength):
     assert abs(result.best.effort.delay) < 1e-3
 
 
+def test_a_start_without_inertia_arrives():
+    start = replace(PAPER, P2=0.0, P3=0.0)
+    assert wrong(identify([recording(400, seed=2)], [], replace(LIKELIHOOD, start=start)).best) < 0.01
+
+
 def test_data_in_chaotic_motion_are_explained_exactly():
     motion, truth = recording(1200, seed=1, **CHAOTIC), C1.vector('rotor')
     result = identify([motion[:900]], [motion[900:]], Settings(optimizer='lsq'))
