@@ -50,7 +50,7 @@ class LikelihoodSettings:
         rest: a sample with both joints within so many quanta over ``still`` [s] to both sides has no weight: at rest
             neither torque noise nor quantization is white.
         block: about how long neighbouring errors depend on each other [s].
-        fine: longest step [s] where a joint is slower than ``slow`` [rad/s], so that dry friction changes its sign.
+        fine: longest step [s] where a joint is slower than ``slow`` [rad/s] or turns back: dry friction is stiff.
         slow: see there.
     """
 
@@ -229,9 +229,13 @@ def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
 
 def _slow(motion: Motion, chosen: NDArray[np.intp], limit: float) -> Flags:
     """Return between which of the chosen samples a joint is slower than a limit [rad/s] or turns back."""
-    v = motion.states(motion.recorded.t)[2:]
-    slow = (np.minimum(np.abs(v[:, 1:]), np.abs(v[:, :-1])) < limit) | (v[:, 1:] * v[:, :-1] < 0)
-    return np.asarray(np.logical_or.reduceat(slow.any(axis=0), chosen[:-1]))
+
+    def made() -> Flags:
+        v = motion.states(motion.recorded.t)[2:]
+        slow = (np.minimum(np.abs(v[:, 1:]), np.abs(v[:, :-1])) < limit) | (v[:, 1:] * v[:, :-1] < 0)
+        return np.asarray(slow.any(axis=0))
+
+    return np.asarray(np.logical_or.reduceat(motion.once(('slow', limit), made), chosen[:-1]))
 
 
 def _at_rest(motion: Motion, limit: Array, still: float) -> Flags:
