@@ -14,6 +14,7 @@ from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import ExcitationError
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Bounds, Parameters
+from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -92,7 +93,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
     criterion = Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in regressions])
     insensitive = criterion.undetermined(SETTINGS.insensitive) & ~settings.box('viscous').fixed
     if insensitive.any():
-        joints = zip(('shoulder', 'elbow'), moved, strict=True)
+        joints = zip(JOINT_NAMES, moved, strict=True)
         still = next((f' (the {joint} moved by only {m:.3g} rad)' for joint, m in joints if m < SETTINGS.still), '')
         raise ExcitationError(
             f'{names}: {", ".join(np.array(SEVEN)[insensitive])} are not identifiable from this motion{still}; excite '

@@ -15,9 +15,9 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.likelihood import Extension, Shape, Unknown
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Term, TermKind
+from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.motion import Motion
 
-JOINTS = ('shoulder', 'elbow')
 #: Cogging is a candidate for a joint that turns by more [rad], up to so many times a turn.
 TURN, REPETITIONS = 1.0, 24
 #: Step [s] of torques that depend on the motion or on their past.
@@ -138,9 +138,9 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
             limit = 0.5 * own * reach.get(kind, 1.0)
             unknowns.append(Unknown(own, -limit, limit))
         terms = tuple(Term(kind, joint, number) for kind in kinds)
-        return Effect(name, JOINTS[joint] + where, Extension(tuple(unknowns), terms))
+        return Effect(name, JOINT_NAMES[joint] + where, Extension(tuple(unknowns), terms))
 
-    for joint, name in enumerate(JOINTS):
+    for joint, name in enumerate(JOINT_NAMES):
         yield linear('offset', joint, TermKind.CONSTANT)
         yield linear('asymmetry', joint, TermKind.DIRECTION)
         yield linear('drag', joint, TermKind.DRAG, scale=tau / speed**2)

@@ -87,8 +87,8 @@ def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[
         if selected is None:
             break
         best, problem = selected
-        to_the_end = fit(problem.likelihood, problem.fit.x, problem.lower, problem.upper, iterations=30, tolerance=0.3)
-        base = replace(problem, fit=to_the_end)
+        solved = fit(problem.likelihood, problem.fit.x, problem.lower, problem.upper, iterations=30, tolerance=0.3)
+        base = replace(problem, fit=solved)
         found.append((best, base))
         if not best.accepted:
             break

@@ -18,8 +18,6 @@ from pendubot_identification.errors import ParameterError
 
 from . import MODELS as MODELS
 
-Vector = Array
-
 
 class Specification(NamedTuple):
     """One parameter: its name, unit, meaning, and the default search interval."""
@@ -106,7 +104,7 @@ class Parameters:
         values = astuple(self)
         return next(model for model, size in MODELS.items() if not any(values[size:]))
 
-    def vector(self, model: str = 'viscous') -> Vector:
+    def vector(self, model: str = 'viscous') -> Array:
         """Return theta, shape (D,), of a model or, where one of its missing parameters is not 0, of :attr:`model`."""
         return np.array(astuple(self)[: max(MODELS[model], MODELS[self.model])])
 
@@ -161,8 +159,8 @@ class Bounds:
         ParameterError: lengths differ, a bound is not finite, or a lower bound is above its upper one.
     """
 
-    lower: Vector
-    upper: Vector
+    lower: Array
+    upper: Array
     names: tuple[str, ...] = NAMES
 
     def __post_init__(self) -> None:
@@ -233,14 +231,14 @@ class Bounds:
         default = (self.lower == 0) & (self.upper == upper) & ~np.isin(self.names, UNDER_LOAD)
         return Bounds(self.lower, np.where(default, factor * upper, self.upper), self.names)
 
-    def at_bound(self, theta: Sequence[float] | Vector, tolerance: float = 1e-9) -> Flags:
+    def at_bound(self, theta: Sequence[float] | Array, tolerance: float = 1e-9) -> Flags:
         """Return, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
         margin = tolerance * (self.upper - self.lower)
         values = np.asarray(theta, dtype=float)
         return np.asarray((values <= self.lower + margin) | (values >= self.upper - margin))
 
 
-def repaired(theta: ArrayLike) -> Vector:
+def repaired(theta: ArrayLike) -> Array:
     """Return vectors of shape (..., D) with P3 moved to the nearest value at which M(q) is positive definite for all q.
 
     A criterion of the repaired vectors has the same minimum as over the physical ones alone.
@@ -251,7 +249,7 @@ def repaired(theta: ArrayLike) -> Vector:
     return result
 
 
-def coupling_excess(theta: Vector) -> Vector:
+def coupling_excess(theta: Array) -> Array:
     """Return a penalty, shape (...), for vectors of shape (..., D) with |P3| too large for P1 and P2; 0 for all others.
 
     It leads an optimiser that only knows bounds back to the cone of vectors whose M(q) is positive definite for every

@@ -36,11 +36,12 @@ from pendubot_identification.level import Level
 from pendubot_identification.parameter_files import parameter_names, refuse_untaken
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting, meant
+from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from .shutdown import Shutdown, at_signal, ignore_signals
 
 #: The joints that a node reads or publishes.
-JOINTS = Setting('joint_names', ['shoulder', 'elbow'], 'the two joints in joint_states', length=2, distinct=True)
+JOINTS = Setting('joint_names', list(JOINT_NAMES), 'the two joints in joint_states', length=2, distinct=True)
 #: Of nodes with a lifecycle.
 AUTOSTART = Setting('autostart', True, 'whether it becomes active by itself; otherwise by ros2 lifecycle set')
 

@@ -32,6 +32,7 @@ from pendubot_identification.results.assemble import predicted
 from pendubot_identification.results.provenance import Answer, answers, hold, settings
 from pendubot_identification.results.result import PartialResult, Predicted, Result
 from pendubot_identification.tracking.events import Change, Event, State
+from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -46,7 +47,6 @@ ESTIMATION, VALIDATION, CHANGE = '#56b4e92e', '#e69f002e', '#d55e002e'
 #: Colours that can be told apart by everyone (Okabe and Ito).
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7')
 STATES = (('q1', 'rad'), ('q2', 'rad'), ("q1'", 'rad/s'), ("q2'", 'rad/s'))
-JOINTS = ('shoulder', 'elbow')
 #: Width of a static figure [inch]: a column on a screen, and legible on a telephone.
 COLUMN = 5.2
 #: Longest duration of a simulation, the longest horizon of the predictions, and of the part that is shown [s].
@@ -128,7 +128,7 @@ class Prepared:
         times = [motion.t for motion in motions]
         driven = any(motion.tau[:, 1].any() for motion in motions)
         torques = [
-            Line(JOINTS[k] if driven else '', [m.tau[:, k] for m in motions], colour, 0.8, 'steps')
+            Line(JOINT_NAMES[k] if driven else '', [m.tau[:, k] for m in motions], colour, 0.8, 'steps')
             for k, colour in enumerate((MEASURED, COLOURS[0])[: 1 + driven])
         ]
         panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', times, torques)]
@@ -195,7 +195,7 @@ class Prepared:
         torque, panels = np.concatenate(parts), []
         figure, axes = _panels(2.6, 2, len(against), sharey='row')
         usual = np.abs(torque) < OUTLYING * np.median(np.abs(torque), axis=0) + np.finfo(float).tiny
-        for k, (joint, row) in enumerate(zip(JOINTS, axes.reshape(2, -1), strict=True)):
+        for k, (joint, row) in enumerate(zip(JOINT_NAMES, axes.reshape(2, -1), strict=True)):
             panels.append(Panel(joint, 'N m', times, [Line('', [part[:, k] for part in parts], COLOURS[k], 0.7)]))
             row[0].set_ylabel(f'{joint}\n[N m]')
             for axis, (name, values) in zip(row, against.items(), strict=True):
@@ -248,7 +248,7 @@ class Prepared:
         if answer.criterion == 'likelihood':
             t, z = standardised_innovations(motions, answer.theta, answer.delay, asked)
             return ('q1', 'q2'), 'standard deviations', 0.0, t, z
-        names: tuple[str, ...] = (*JOINTS, 'energy')
+        names: tuple[str, ...] = (*JOINT_NAMES, 'energy')
         unit, overlap = 'N m', WIDTH
         if answer.criterion == 'energy':
             names, unit, overlap = ('energy',), 'J', asked.sliding or math.inf

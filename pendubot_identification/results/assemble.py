@@ -16,6 +16,7 @@ from pendubot_identification.identification.identification import Identification
 from pendubot_identification.identification.prediction import HORIZONS, Prediction
 from pendubot_identification.model.parameters import NAMES, UNDER_LOAD, UNITS
 from pendubot_identification.recordings.source import Source
+from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from . import result as tree
 from .result import known
@@ -27,7 +28,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
     """Return the result of an identification of these recordings."""
     best, settings = found.best, found.settings
     answers = {estimate.criterion: _answer(estimate, found) for estimate in found.estimates}
-    joints = dict(zip(UNDER_LOAD, ('shoulder', 'elbow'), strict=True))
+    joints = dict(zip(UNDER_LOAD, JOINT_NAMES, strict=True))
     length, length_error = known(found.link_length)
     return _entry(
         tree.Result,

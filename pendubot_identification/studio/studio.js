@@ -433,7 +433,7 @@ const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: 
   copy: (_, own) => navigator.clipboard.writeText(own.previousElementSibling.innerText)
     .then(() => { own.textContent = 'Copied'; }) };
 const edit = (key, what) => (k, value) => { state.files[k][key] = value; changed(what); };
-const SETS = { option: choose, 
+const SETS = { option: choose,
   joint: (k, value) => {
     const both = given('joints').split(',');
     if (both[1 - k] === value) both[1 - k] = both[k];

@@ -17,7 +17,7 @@ from typing import Any
 
 from pendubot_identification import api
 from pendubot_identification.errors import PendubotError, ResultError, sentence
-from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.trajectories.conventions import CONVERSION, JOINT_NAMES, JOINT_STATES_TOPIC
 
 #: Points of a preview.
 POINTS = 300
@@ -49,7 +49,7 @@ def check(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     """Return the findings of the checks, and the call that repeats them."""
     given = {'validate': job['validate'], **_options(job)}
     found = api.check(*job['bags'], **given)
-    usual = {'validate': [], 'topic': '/joint_states', 'joint_names': ['shoulder', 'elbow']}
+    usual = {'validate': [], 'topic': JOINT_STATES_TOPIC, 'joint_names': list(JOINT_NAMES)}
     options = [f'{name}={value!r}' for name, value in given.items() if value != usual.get(name)]
     call = f'pendubot_identification.check({", ".join([*map(repr, job["bags"]), *options])})'
     shown = [{'check': f.check, 'level': f.level.name, 'sentence': f.sentence, 'remedy': f.remedy} for f in found]

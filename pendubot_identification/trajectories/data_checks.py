@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .conventions import JOINT_NAMES
 from .signals import encoder_step, evenly_stamped, has_timestamp_jitter
 from .trajectory import Trajectory
 
@@ -58,7 +59,7 @@ def _jitter(motion: Trajectory) -> list[str]:
 def _saturated(motion: Trajectory) -> list[str]:
     """Warn of an effort at a limit; square pulses cause this warning as well."""
     found = []
-    for joint, tau in zip(('shoulder', 'elbow'), motion.tau.T, strict=True):
+    for joint, tau in zip(JOINT_NAMES, motion.tau.T, strict=True):
         size = np.abs(tau)
         greatest, some = float(size.max()), size > 1e-9
         fraction = float((size[some] > greatest * (1 - 1e-6)).mean()) if some.any() else 0.0
@@ -73,7 +74,7 @@ def _saturated(motion: Trajectory) -> list[str]:
 
 def _clipped(motion: Trajectory) -> list[str]:
     found = []
-    for joint, q, step in zip(('shoulder', 'elbow'), motion.q.T, encoder_step(motion.q), strict=True):
+    for joint, q, step in zip(JOINT_NAMES, motion.q.T, encoder_step(motion.q), strict=True):
         for word, extreme in (('greatest', q.max()), ('least', q.min())):
             edges = np.flatnonzero(np.diff(np.concatenate([[False], q == extreme, [False]]).astype(int)))
             runs = [(a, b) for a, b in edges.reshape(-1, 2) if a > 0 and b - a >= SETTINGS.stands]
