@@ -125,17 +125,18 @@ def assess(
         notes: other warnings of the data.
     """
     severe = [fault.sentence for fault in faults if _severe(fault, estimate)]
+    others = {fault.sentence: fault.name for fault in faults if not _severe(fault, estimate)}
     # A cause that is known, such as a push by hand, is named before the motion that hardly fits.
-    mild = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name != 'motion']
-    unfit = [fault.sentence for fault in faults if not _severe(fault, estimate) and fault.name == 'motion']
-    named = set() if severe else {fault.name for fault in faults}
+    unfit = [sentence for sentence, name in others.items() if name == 'motion']
+    mild = [sentence for sentence in others if sentence not in unfit]
+    named = set() if severe else {*others.values()} - {'motion'}
     errors, reservations = list(_errors(estimate, settings)), [*unfit, *_reservations(estimate, settings)]
     if 'delay' not in named:
         # The default search covers every sensible delay; a narrower one is the user's.
         (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
     if 'zero' not in named:
         reservations += _wrong_zeros(estimate)
-    if not named - {'motion'}:  # signs, order, zeros, units, counts and stamps all change the length
+    if not named:  # signs, order, zeros, units, counts and stamps all change the length
         reservations += _wrong_length(estimate, *link_length)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
     return replace(
