@@ -25,7 +25,7 @@ from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import Bounds, Parameters, repaired
 from pendubot_identification.model.rollout import roll, sensitivities
 from pendubot_identification.model.simulation import substeps
-from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.motion import Motion, root_mean_square_torque
 
 from .likelihood import FilterData, bounded_step
 
@@ -89,8 +89,7 @@ class Simulations:
         stride: float,
     ) -> Simulations:
         """Cut all simulations whose longest horizon lies within a recording, in steps that suit theta, shape (D,)."""
-        torques = np.sqrt(np.mean([np.mean(m.recorded.tau**2, axis=0) for m in motions], axis=0))
-        parts = substeps(Parameters.from_vector(theta), torques, STEP)
+        parts = substeps(Parameters.from_vector(theta), root_mean_square_torque(motions), STEP)
         at = tuple(round(horizon / STEP) * parts for horizon in horizons)
         numbers, times, starts, ends, tau = [], [], [], [], []
         shift = np.array([*offset, 0.0, 0.0])[:, None]

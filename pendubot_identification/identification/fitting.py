@@ -30,7 +30,7 @@ from pendubot_identification.criteria.prediction_error import refine
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, repaired
 from pendubot_identification.model.simulation import substeps
-from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.motion import Motion, root_mean_square_torque
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -389,7 +389,7 @@ def _scale(data: TrainingData, theta: Array) -> Array:
 
 def _effort(data: TrainingData) -> Array:
     """Return the root mean square of both torques [N m]; of a joint without a motor a tenth of the other's."""
-    tau = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in data.motions]) ** 2, axis=0))
+    tau = root_mean_square_torque(data.motions)
     return np.asarray(np.maximum(tau, max(0.1 * tau.max(), 1e-9)))
 
 

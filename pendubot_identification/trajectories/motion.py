@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -105,3 +105,8 @@ class Motion:
         """Return the mean torques [N m] over consecutive steps from each of the times ``start``, shape (2, K, L)."""
         edges = start + step * np.arange(steps + 1)[:, None]
         return np.asarray(np.moveaxis(np.diff(self.impulse(edges), axis=0), -1, 0) / step)
+
+
+def root_mean_square_torque(motions: Sequence[Motion]) -> Array:
+    """Return the root mean square of both recorded torques [N m], shape (2,)."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in motions]) ** 2, axis=0)))
