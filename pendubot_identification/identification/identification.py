@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.level import Level
-from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .catalogue import FoundEffect, compensated
-from .conventions import Fault, corrected_conversion
+from .conventions import Fault
 from .estimate import Estimate
 from .fitting import Composite, TrainingData
 from .options import CRITERIA
@@ -57,11 +56,6 @@ class Identification:
     def best(self) -> Estimate:
         """The estimate that is published."""
         return self.estimates[self.published]
-
-    @property
-    def corrected_conversion(self) -> Conversion | None:
-        """The conversion that corrects the faults of the recordings; None where no options do that."""
-        return corrected_conversion(self.faults)
 
     @property
     def level(self) -> Level:

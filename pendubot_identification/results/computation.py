@@ -18,6 +18,7 @@ from subprocess import PIPE
 from typing import Any
 
 from pendubot_identification.errors import PendubotError, sentence
+from pendubot_identification.identification.conventions import corrected_conversion
 from pendubot_identification.identification.estimate import Progress
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
@@ -51,7 +52,7 @@ def identify_recordings(
         try:
             data = load(settings.reading)
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
-            corrected = found.corrected_conversion
+            corrected = corrected_conversion(found.faults)
             if corrected is None or not remaining:
                 return assemble_result(replace(found, uncorrected=uncorrected), data.sources), data
             uncorrected = uncorrected or found
