@@ -29,13 +29,10 @@ class IntervalSettings:
     Attributes:
         prior: degrees of freedom that the common factor counts for; 2 makes one of two recordings' variance, which
             has a single degree of freedom, as certain as one of four.
-        blocks: degrees of freedom of the blocks of one recording, as of one more recording: they share its
-            peculiarities.
         significance: at which recordings differ by more in one parameter than in the others.
     """
 
     prior: float = 2.0
-    blocks: float = 1.0
     significance: float = 0.05
 
 
@@ -86,7 +83,8 @@ def influence_covariance(
         recordings = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
         by_block = exact or count == 1
         parts = slopes if by_block else recordings
-        n = settings.blocks if count == 1 and not exact else len(parts) - 1.0
+        # Blocks of one recording share its peculiarities: they say nothing of how recordings differ.
+        n = 0.0 if count == 1 and not exact else len(parts) - 1.0
         words = f'influence of {len(owner)} blocks of time' if by_block else f'influence of {count} recordings'
         spread = _spread(parts, inverse)
         total, known = float(np.trace(information @ spread)), max(int((curvature > 0).sum()), 1)
