@@ -179,6 +179,7 @@ def _identify(parser: Any) -> None:
       pendubot identify run.mat --columns q1=th1,q2=th2,tau1=u --degrees --zero hanging   your own
       pendubot identify run.csv --apply-remedies                  read as its faults require; the result says how
       pendubot identify swing --settings lab.yaml                 options by name, such as "model: viscous"
+      pendubot identify swing --check                             is it good enough? Fits nothing
     """
     parser.add_argument('bags', nargs='+', metavar=WINDOW, help='recordings that estimate')
     parser.add_argument('--validate', nargs='+', default=[], metavar=WINDOW, help='recordings that only validate')
@@ -193,6 +194,7 @@ def _identify(parser: Any) -> None:
     words = 'the level of the result from which on the exit status is 3 (default %(default)s)'
     output.add_argument('--fail-on', default='error', choices=FAILING, help=words)
     _switch(output, '--verbose', 'print all tables and remarks')
+    _switch(parser, '--check', 'only check the recordings: stamps, gaps, limits, conventions and excitation')
 
 
 def _track(parser: Any) -> None:

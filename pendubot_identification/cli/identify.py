@@ -7,6 +7,7 @@ import argparse
 import json
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,12 @@ from pendubot_identification.files import OutputFolder, refuse_input, refuse_unw
 from pendubot_identification.identification.estimate import Progress
 from pendubot_identification.identification.options import APPLY_REMEDIES, MDE, OPTIONS
 from pendubot_identification.identification.settings import Settings
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.datasets import Datasets, load_datasets, windows_of
 from pendubot_identification.report.tables import summary
+from pendubot_identification.results.checks import check_recordings
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import Result, plain
@@ -49,6 +52,10 @@ def run_identify(args: argparse.Namespace) -> int:
         settings = _settings(args, options)
         bags = [window.path for window in windows_of([*args.bags, *args.validate], settings.reading)]
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
+    if args.check:
+        if outputs or args.report:
+            raise UsageError('--check fits nothing, so that nothing can be written; leave one of the two out')
+        return _check(args, settings)
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
         refuse_input(target, [*bags, start and Path(start), args.settings])
     if start is not None:
@@ -76,7 +83,20 @@ def run_identify(args: argparse.Namespace) -> int:
     if not args.json:
         for path in outputs:
             print(f'written to {path}')
-    return 3 if result.level >= FAILING[args.fail_on] else 0
+    return _status(args, result.level)
+
+
+def _check(args: argparse.Namespace, settings: Settings) -> int:
+    """Print what the checks of the recordings find."""
+    found = check_recordings(partial(load_datasets, args.bags, args.validate), settings)
+    text = '\n'.join(f'{each.level.name:5} {each.check:11} {each.sentence}' for each in found)
+    print(json.dumps([each.plain() for each in found], indent=2) if args.json else text)
+    return _status(args, max(each.level for each in found))
+
+
+def _status(args: argparse.Namespace, level: Level) -> int:
+    """Return the exit status."""
+    return 3 if level >= FAILING[args.fail_on] else 0
 
 
 def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:

@@ -28,6 +28,10 @@ class Finding:
     sentence: str  #: for the user.
     remedy: Mapping[str, str] = field(default_factory=dict)  #: options of reading that correct it, as texts by name.
 
+    def plain(self) -> dict[str, object]:
+        """Return the fields for JSON."""
+        return {**vars(self), 'level': self.level.name}
+
 
 def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings) -> list[Finding]:
     """Return at least one finding of each check, in the order in which they are made."""

@@ -271,7 +271,7 @@ const passed = () => Boolean(state.checks) && !state.checks.some(({ level, check
 function checks() {
   if (!state.checks) need('check', state.files, (value, error) => {
     state.checks = value?.findings ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }];
-    state.call = value?.call;
+    state.command = value?.command;
   });
   const list = (state.checks ?? []).map(({ check, level, sentence, remedy }) => html`<li><span class="dot ${level}"
     role="img" aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div>
@@ -280,7 +280,7 @@ function checks() {
   return html`${heading('Is it good enough?', 'Everything that can be checked before a fit.')}
     ${state.checks ? html`<ul class="checks">${list}</ul>`
       : busy('checking stamps, gaps, limits, conventions and excitation')}
-    ${state.checks && state.call && more('The same in Python', command(state.call))}
+    ${state.checks && state.command && more('The same in a shell', command(state.command))}
     ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Correct the columns'))}`;
 }
 

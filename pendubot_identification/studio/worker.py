@@ -9,6 +9,7 @@ The last event has ``done``, or ``problem``: a sentence, and the options that co
 import json
 import os
 import resource
+import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -17,7 +18,7 @@ from typing import Any
 
 from pendubot_identification import api
 from pendubot_identification.errors import PendubotError, ResultError, sentence
-from pendubot_identification.trajectories.conventions import CONVERSION, JOINT_NAMES, JOINT_STATES_TOPIC
+from pendubot_identification.trajectories.conventions import CONVERSION
 
 #: Points of a preview.
 POINTS = 300
@@ -46,14 +47,19 @@ def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
 
 
 def check(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
-    """Return the findings of the checks, and the call that repeats them."""
-    given = {'validate': job['validate'], **_options(job)}
-    found = api.check(*job['bags'], **given)
-    usual = {'validate': [], 'topic': JOINT_STATES_TOPIC, 'joint_names': list(JOINT_NAMES)}
-    options = [f'{name}={value!r}' for name, value in given.items() if value != usual.get(name)]
-    call = f'pendubot_identification.check({", ".join([*map(repr, job["bags"]), *options])})'
-    shown = [{'check': f.check, 'level': f.level.name, 'sentence': f.sentence, 'remedy': f.remedy} for f in found]
-    return {'findings': shown, 'call': call}
+    """Return the findings of the checks, and the command that repeats them."""
+    found = api.check(*job['bags'], validate=job['validate'], **_options(job))
+    words = [
+        'pendubot',
+        'identify',
+        '--check',
+        *job['bags'],
+        *(['--validate', *job['validate']] if job['validate'] else []),
+    ]
+    for name, value in job['options'].items():
+        each = value.split(',') if name == 'bounds' else [value]
+        words += [f'--{name.replace("_", "-")}' + ('' if text == 'true' else f'={text}') for text in each]
+    return {'findings': [finding.plain() for finding in found], 'command': shlex.join(words)}
 
 
 def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 import yaml
 
-import pendubot_identification
 from pendubot_identification.cli.main import main
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.model.simulation import HANGING, simulate
@@ -133,15 +132,17 @@ def test_two_pages_work_at_once_and_do_not_hear_of_each_other(studio, motion):
         assert found['P4']['value'] == pytest.approx(true.P4, rel=0.02)
 
 
-def test_python_repeats_the_checks_and_a_fit_starts_from_a_result_file(page, motion, tmp_path, monkeypatch):
+def test_a_shell_repeats_the_checks_and_a_fit_starts_from_a_result_file(page, motion, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = csv(motion[:500], names=('t', 'phi', 'q2', 'tau1'))
     page.give('run.csv', text)
     (tmp_path / 'run.csv').write_text(text)
     options = {'columns': 'q1=phi', 'negate': 'tau1'}
     checked = page.do('check', 'run.csv', **options)['done']
-    found = eval(checked['call'], {'pendubot_identification': pendubot_identification})
-    assert [each.sentence for each in found] == [each['sentence'] for each in checked['findings']]
+    assert main([*shlex.split(checked['command'])[1:], '--json']) == 3
+    assert json.loads(capsys.readouterr().out) == checked['findings']
+    assert main(['identify', '--check', 'run.csv', '--output', 'result.yaml']) == 2
+    assert 'nothing can be written' in capsys.readouterr().err
     before = {name: {'value': value} for name, value in asdict(PAPER).items() if value}
     page.give('before.yaml', json.dumps({'schema': 1, 'parameters': before}))
     options |= {'negate': '', 'criterion': 'likelihood', 'model': 'viscous', 'start': 'before.yaml'}
