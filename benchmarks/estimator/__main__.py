@@ -4,6 +4,7 @@
 """Measure the estimator, and print Markdown tables.
 
     python -m benchmarks.estimator real [--test]           shared recordings: each left out, and every split in halves
+    python -m benchmarks.estimator single                  each shared recording alone, against the rig's others
     python -m benchmarks.estimator clean [--seeds 2]       rigs without effects, of three sizes
     python -m benchmarks.estimator effects [--seeds 2]     rigs with the effects of the catalogue
     python -m benchmarks.estimator unknown [--seeds 2]     rigs with other imperfections
@@ -40,6 +41,7 @@ def main():
     args = parser.parse_args()
     jobs = {
         'real': lambda: measurements.real(args.test),
+        'single': measurements.single,
         'clean': lambda: measurements.clean(args.seeds),
         'effects': lambda: measurements.imperfect(CATALOGUE, args.seeds, args.strengths),
         'unknown': lambda: measurements.imperfect(UNKNOWN, args.seeds, args.strengths),

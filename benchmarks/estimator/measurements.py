@@ -82,6 +82,19 @@ def real(test=False):
             yield from both(train, half, group=rig, kind='halves', pair=pair)
 
 
+def single():
+    """Yield the jobs of single recordings, held against the parameters of all others of that rig."""
+    for rig in RIGS:
+        train = recorded(rig, 'train')
+        for k in range(len(train)):
+            yield partial(against, train[k], train[:k] + train[k + 1 :], rig=rig)
+
+
+def against(motion, others, **key):
+    """Identify one recording, with the answer of others in the place of the truth."""
+    return fit([motion], truth=dict(zip(NAMES[:5], identify(others).best.theta, strict=False)), **key)
+
+
 def both(recordings, half, **key):
     """Yield the jobs of one half, scored on the other, and the reverse."""
     one = [recordings[k] for k in half]

@@ -70,7 +70,7 @@ def compared(found):
     intervals = ('P held [%]', 'at OK', 'at WARN', 'friction held [%]', 'at WARN')
     yield '', 'n', 'error of P1 to P5 [%]', 'without compensation', *intervals, '/'.join(LEVELS), 'right', 'effects'
     parts = {'all': found}
-    for factors in (('size',), ('rate',), ('counts',), ('number',), ('strength',), ('effect', 'strength')):
+    for factors in (('rig',), ('size',), ('rate',), ('counts',), ('number',), ('strength',), ('effect', 'strength')):
         if {*factors} <= {*found[0]}:
             parts |= {
                 f'{" ".join(factors)} {" ".join(map(str, key))}': some for key, some in grouped(found, *factors).items()
@@ -91,7 +91,14 @@ def is_right(effect, name):
     return name.lower().replace('_', ' ') in (kind, 'friction' if kind in ('stribeck', 'width') else kind)
 
 
-TABLES = {'real': scored, 'pushes': scored, 'clean': compared, 'effects': compared, 'unknown': compared}
+TABLES = {
+    'real': scored,
+    'single': compared,
+    'pushes': scored,
+    'clean': compared,
+    'effects': compared,
+    'unknown': compared,
+}
 
 
 def markdown(command, found):
