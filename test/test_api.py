@@ -255,7 +255,7 @@ def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
         ("--sheet 'Run 2' --skip-rows 3", "sheet='Run 2' skip_rows=3"),
         ('--offset q1=5deg?', "offset={'q1': '5deg'}?"),
         ('with --torque-constant K [N m]', 'with torque_constant=K [N m]'),
-        ('--delay 0:0.02, or', 'delay=(0, 0.02), or'),
+        ('--delay 0:0.02, or', 'delay=[0.0, 0.02], or'),
         ('--topic /a --joints a,b', "topic='/a' joint_names=['a', 'b']"),
         ('(--joints): add --force', '(joint_names): add overwrite=True'),
         ('pendubot excite --design', 'pendubot excite --design'),
