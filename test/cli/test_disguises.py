@@ -222,15 +222,13 @@ def test_a_result_keeps_how_its_recordings_were_read(lab, run):
     assert json.loads(kept[1])['reading']['zero'] == 'hanging'
 
 
-def test_what_is_taken_of_a_file_is_said_and_what_looks_odd(lab, run):
+def test_what_is_taken_of_a_file_is_said(lab, run):
     found = json.loads(run('info', 'run.csv', *LABS[:2], '--json')[1])
     assert found['columns'] == {'t': 'time', 'q1': 'a', 'q2': 'b', 'tau1': 'u'}
     assert (found['samples'], round(found['rate'], 1), found['gaps']) == (900, 100.0, 0)
-    assert any('--degrees?' in guess for guess in found['guesses'])
-    for options, odd in ((LABS, False), (LABS[:3], True)):
-        text = run('info', 'run.csv', *options)[1]
-        assert text.startswith('run.csv: 900 samples, 8.990 s, 100.0 Hz\n')
-        assert ('--zero hanging?' in text) == odd
+    text = run('info', 'run.csv', *LABS)[1]
+    assert text.startswith('run.csv: 900 samples, 8.990 s, 100.0 Hz\n')
+    assert 'read      --columns t=time,q1=a,q2=b,tau1=u --degrees --zero hanging\n' in text
 
 
 def theta(result):
