@@ -23,6 +23,7 @@ from mujoco import sysid
 from scipy.signal import savgol_filter
 
 import pendubot_identification as pendubot
+from benchmarks.markdown import head, line
 from benchmarks.speed import measure
 from pendubot_identification.criteria.prediction_error import STEP as OURS
 from pendubot_identification.criteria.prediction_error import Simulations
@@ -194,10 +195,8 @@ def rows(rig, train, test, guess):
         first, second = way(train[:half]), way(train[half:])
         width = np.median(1.96 * error[:5] / np.abs(value[:5]))
         errors = ' / '.join(f'{e:.3f}' for e in predicted)
-        yield (
-            f'| {rig} | {name} | {model} | {errors} | {cpu:.0f} s | {wall:.0f} s | {100 * width:.2g} % '
-            f'| {agree(first, second)} |'
-        )
+        times = f'{cpu:.0f} s', f'{wall:.0f} s'
+        yield line(rig, name, model, errors, *times, f'{100 * width:.2g} %', agree(first, second))
         print('    ', name, dict(zip(TEN, np.round(value, 5).tolist(), strict=True)), flush=True)
 
 
@@ -218,13 +217,12 @@ def main():
     args = parser.parse_args()
     logging.getLogger('absl').setLevel(logging.ERROR)
     print(f'{measure.machine()}, mujoco {mujoco.__version__}')
-    head = ('recordings', 'by', 'model', f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:ASSESSED])} s')
-    head += ('processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in')
-    table = [f'| {" | ".join(head)} |', '|' + '---|' * len(head)]
+    errors = f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:ASSESSED])} s'
+    rest = 'processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in'
+    table = [head('recordings', 'by', 'model', errors, *rest)]
     for name, rig in rigs(args.test).items():
         table += rows(name, *rig)
-        print('\n'.join(table[2:]), flush=True)
-    print('\n' + '\n'.join(table))
+    print('\n'.join(table))
 
 
 if __name__ == '__main__':
