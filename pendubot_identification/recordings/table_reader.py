@@ -222,6 +222,8 @@ def _numbers(cells: Any, *, comma: bool) -> Array:
     cells = cells.infer_objects()
     if cells.dtype.kind in 'mM':
         return np.asarray((cells - cells.iloc[0]).dt.total_seconds(), dtype=float)
+    if cells.dtype.kind == 'O':
+        return _numbers(tuple(map(str, cells)), comma=comma)
     return np.asarray(pandas.to_numeric(cells, errors='coerce'), dtype=float)
 
 

@@ -14,6 +14,7 @@ from test.conftest import ROOT
 FILES = {
     'other.yaml': 'schema: 2\nparameters: {}\n',
     'often_exciter.yaml': 'exciter: {ros__parameters: {period: often}}\n',
+    'endless_exciter.yaml': 'exciter: {ros__parameters: {seed: .inf}}\n',
     'unknown.yaml': 'modle: viscous\n',
     'often.yaml': 'runs: often\n',
     'vector.yaml': 'per_vector: true\n',
@@ -44,6 +45,7 @@ FAILURES = {
     'excite --design --torque 1 --speed 20 --output file': 'exists already',
     'excite --check unknown.yaml': 'no parameters of the node exciter',
     'excite --check often_exciter.yaml': 'numbers are expected',
+    'excite --check endless_exciter.yaml': 'numbers are expected',
     'excite --check file --output file --force': 'so it cannot be written as well',
     'simulate --output swing': 'exists already',
     'simulate --output never --parameters negative.yaml': 'friction Fc2 = -0.1 is negative',
