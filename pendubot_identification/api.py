@@ -140,6 +140,7 @@ def read(
         (window,) = windows_of([str(source)], conversion)
         recorded = read_trajectory(window, conversion)
     else:
+        _require_known([source])
         recorded = _in_memory(source, conversion)
     if recorded.note:
         warnings.warn(as_arguments(recorded.note), stacklevel=3)
@@ -238,12 +239,12 @@ def identify(  # noqa: D417
     missing = [name for name in ('t', 'q', 'tau') if arrays[name] is None]
     if 0 < len(missing) < 3 and not recordings:
         raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
-    given = recordings or (() if missing else (arrays,))
+    given, several = recordings or (() if missing else (arrays,)), _several(validate)
     words = settings.reading.words()
-    if words and any(isinstance(each, Trajectory) for each in (*given, *validate)):
+    if words and any(isinstance(each, Trajectory) for each in (*given, *several)):
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
 
-    load = partial(_load, given, validate)
+    load = partial(_load, given, several)
     result, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
     return Identified(result, (data.training, data.validation))
 
@@ -271,7 +272,7 @@ def check(*recordings: File, validate: Sequence[File] = (), **options: object) -
     """
     from .results.options import settings_of
 
-    return check_recordings(partial(_load, recordings, validate), settings_of(_options(options)))
+    return check_recordings(partial(_load, recordings, _several(validate)), settings_of(_options(options)))
 
 
 def _options(arguments: Mapping[str, object], options: Sequence[Setting] | None = None) -> dict[str, object]:
@@ -282,20 +283,29 @@ def _options(arguments: Mapping[str, object], options: Sequence[Setting] | None 
     return given if options is None else {each.name: given[each.name] for each in options if each.name in given}
 
 
+def _several(recordings: object) -> Sequence[object]:
+    """Return recordings as a sequence, also a single one."""
+    return recordings if isinstance(recordings, (list, tuple)) else [recordings]
+
+
 def _load(recordings: Sequence[object], validate: Sequence[object], conversion: Conversion) -> Datasets:
     """Return the motions for training and for validation."""
     given = [*recordings, *validate]
     if all(isinstance(each, (str, Path)) for each in given) and recordings:
         return load_datasets([str(each) for each in recordings], [str(each) for each in validate], conversion)
-    known = [isinstance(each, (Trajectory, Mapping)) or hasattr(each, 'columns') for each in given]
-    if not recordings or not all(known):
-        kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in given)) or 'nothing'
+    _require_known(given if recordings else [])
+    training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
+    return divided(training, validation)
+
+
+def _require_known(recordings: Sequence[object]) -> None:
+    """Raise ParameterError for recordings that are none of those in memory, or mixed with names of files."""
+    if not recordings or not all(isinstance(r, (Trajectory, Mapping)) or hasattr(r, 'columns') for r in recordings):
+        kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in recordings)) or 'nothing'
         raise ParameterError(
             f'{kinds} was given; names of bags or files, or else DataFrames, motions as read() returns them, or t, q '
             'and tau are expected'
         )
-    training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
-    return divided(training, validation)
 
 
 def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:

@@ -80,6 +80,7 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
         identify(t=motion.t.tolist(), q=degrees.tolist(), tau=milli.tolist(), **units, **FAST),
         identify(frame, columns=columns, **units, **FAST),
         identify(frame.set_index('t'), columns=columns, **units, **FAST),
+        identify(motion[:900], validate=motion[900:], **FAST),
     ):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
         assert [source.role for source in again.result.bags] == ['training', 'validation']
@@ -321,6 +322,8 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
 @pytest.mark.parametrize(
     ('call', 'said'),
     [
+        (lambda: read(5), 'int was given; names of bags or files, or else DataFrames'),
+        (lambda: read(SAMPLE, negate='q9'), "negate: there is no quantity 'q9'"),
         (identify, 'nothing was given; names of bags or files, or else DataFrames, motions as read'),
         (lambda: identify(SAMPLE, read(SAMPLE)), 'PosixPath, Trajectory was given'),
         (lambda: identify(SAMPLE, criterion='weka'), 'criterion is weka; one of energy, weak, likelihood'),

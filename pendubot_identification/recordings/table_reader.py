@@ -62,7 +62,10 @@ class TableReader:
     @cached_property
     def table(self) -> Table:
         """The columns of the file, or those that were given."""
-        return self._table or read_table(self.path, self.given)
+        table = self._table or read_table(self.path, self.given)
+        if not table.names:
+            raise TableError(f'{self.path} holds no columns of numbers; export it again')
+        return table
 
     @cached_property
     def conversion(self) -> Conversion:

@@ -43,7 +43,7 @@ def read_table(path: Path, conversion: Conversion) -> Table:
     read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):
-            table = read(path, conversion)
+            return read(path, conversion)
     except FileNotFoundError as error:
         raise MissingFileError(f'there is no file {path}; check its name and folder') from error
     except OSError as error:
@@ -55,9 +55,6 @@ def read_table(path: Path, conversion: Conversion) -> Table:
         raise
     except Exception as error:  # the libraries raise many types for damaged files
         raise TableError(f'{path} is no {path.suffix} file that can be read ({error}); export it again') from error
-    if not table.names:
-        raise TableError(f'{path} holds no columns of numbers; export it again')
-    return table
 
 
 def is_table(path: Path) -> bool:

@@ -93,7 +93,7 @@ class Conversion:
             ('offset', self.offset, QUANTITIES),
         ):
             if unknown := [name for name in given if name not in known]:
-                raise ParameterError(f'--{option} does not know the quantity {unknown[0]!r}; use {", ".join(known)}')
+                raise ParameterError(f'--{option}: there is no quantity {unknown[0]!r}; use {", ".join(known)}')
         if len(self.joints) != 2 or len(set(self.joints)) != 2:
             raise ParameterError(
                 f'--joints {",".join(self.joints)} names {len(set(self.joints))} joints; two are expected, such as '

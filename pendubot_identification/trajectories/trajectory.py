@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A recorded or simulated motion: time, positions, torques, and velocities where they are known."""
+"""A recorded or simulated motion, and its origin as a result names it."""
 
 from __future__ import annotations
 
@@ -85,3 +85,16 @@ class Trajectory:
         if len(self) < minimum:
             raise TrajectoryError(f'{self.name}: {len(self)} samples are too few; choose a window of {minimum} or more')
         return self
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording, or a part of it, that was used for ``training`` or ``validation``, its ``role``."""
+
+    bag: str
+    role: str
+    samples: int
+    duration: float
+    sha256: str
+    closed: bool
+    taken_as: str = ''  #: the options that a file's own names and units stand for.

@@ -111,7 +111,7 @@ def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
     [
         ({'tau2': 'u2'}, "no column 'u2' for tau2"),
         ({'t': 't', 'q2': 'x'}, "no column 'x' for q2; .* --columns t=t,q2=q2"),
-        ({'theta1': 'q1'}, "does not know the quantity 'theta1'"),
+        ({'theta1': 'q1'}, "columns: there is no quantity 'theta1'"),
         ({'q1': 'q2'}, "column 'q2' stands for both q1 and q2"),
     ],
 )
