@@ -14,12 +14,14 @@ import hashlib
 import html
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +32,7 @@ from .errors import ParameterError, PendubotError
 from .files import OutputFolder, write_atomically
 from .formats.export import MEANINGS, export, format_of
 from .identification.estimate import Progress
-from .identification.options import OPTIONS
+from .identification.options import APPLY_REMEDIES, OPTIONS
 from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters
@@ -42,7 +44,7 @@ from .recordings.table_reader import TableReader
 from .recordings.tables import Table
 from .results import comparison
 from .results.checks import Finding, check_recordings
-from .results.options import as_arguments
+from .results.options import RENAMED, as_arguments
 from .results.provenance import IN_MEMORY
 from .results.provenance import recordings as read_recordings
 from .results.result import Parameter, PartialResult, Result
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
+F = TypeVar('F', bound=Callable[..., Any])
 File = str | Path
 Criterion = Literal['energy', 'weak', 'likelihood']
 Model = Literal['auto', 'viscous', 'coulomb', 'rotor', 'geared']
@@ -82,8 +85,21 @@ def _arguments_in_messages() -> Iterator[None]:
         raise
 
 
+def _describing(*settings: Setting) -> Callable[[F], F]:
+    """Describe arguments that are options, too, in the docstring of a function, in the words of ``--help``."""
+
+    def describe(function: F) -> F:
+        lines = (f'    {RENAMED.get(each.name, each.name)}: {each.help()}.' for each in settings)
+        wrapped = (fill(line, 120, subsequent_indent=' ' * 8) for line in lines)
+        function.__doc__ = '\n'.join([cleandoc(function.__doc__ or ''), '\nOther Parameters:', *wrapped])
+        return function
+
+    return describe
+
+
 @_arguments_in_messages()
-def read(
+@_describing(*CONVERSION)
+def read(  # noqa: D417
     source: File | DataFrame,
     *,
     topic: str = '/joint_states',
@@ -111,25 +127,6 @@ def read(
     Args:
         source: a path, also ``FILE@START:END`` in seconds, or a DataFrame with the columns t, q1, q2, tau1 and, if
             present, tau2, dq1, dq2. An index with a name is a column, too.
-        topic: of the JointStates in a bag.
-        joint_names: shoulder and elbow in a bag.
-        columns: names of columns that have no usual one, such as ``{'q1': 'theta1'}``.
-        skip_rows: lines above the column names of a text file or a sheet.
-        sheet: of an Excel file; None: the first.
-        encoding: of a text file; None: UTF-8, UTF-16, or else Windows-1252.
-        decimal: separator of a text file.
-        time_unit: of the column t.
-        skip_missing: leave out samples with a missing or non-numeric value.
-        unwrap: make angles continuous that were wrapped into one turn.
-        degrees: whether angles are in degrees, and velocities in degrees per second.
-        torque_unit: of torques.
-        swap: joints, or positions or efforts alone, that are exchanged.
-        torque_constant: [N m/A], by which a motor current is multiplied.
-        gear: turns of the motor per turn of the shoulder, which multiply that constant.
-        negate: quantities with the opposite sign; velocities follow their angles.
-        elbow: whether q2 is the angle to link 1, or has the same zero as q1.
-        zero: where q1 is zero.
-        offset: subtracted last, in rad and N m, such as ``{'q1': 0.1}`` or ``{'q1': '5deg'}``.
 
     Raises:
         FileNotFoundError: there is no such recording (also a PendubotError).
@@ -148,6 +145,7 @@ def read(
 
 
 @_arguments_in_messages()
+@_describing(*OPTIONS, APPLY_REMEDIES, *CONVERSION)
 def identify(  # noqa: D417
     *recordings: Trajectory | File | DataFrame,
     t: ArrayLike | None = None,
@@ -195,8 +193,7 @@ def identify(  # noqa: D417
 ) -> Identified:
     """Estimate the parameters of a rig, like ``pendubot identify``.
 
-    Arguments that are not listed here are those of :func:`read`, for everything but motions, which are converted
-    already.
+    The arguments of :func:`read` are for everything but motions, which are converted already.
 
     Args:
         recordings: bags or files with columns, each ``BAG[@START:END]``, or DataFrames or motions. Of a single one
@@ -207,22 +204,6 @@ def identify(  # noqa: D417
         qd: and velocities [rad/s], shape (N, 2), if measured.
         validate: recordings that only validate.
         bounds: search intervals by name, such as ``{'P1': (0, 0.5)}``; a single number fixes a parameter.
-        criterion: what is minimised, one or several.
-        model: which parameters there are; auto: the smallest model that is exact, or else the largest.
-        hold: the torque between its samples: held (zero), or measured (linear).
-        delay: how much later than stamped the torque acts [s], or the interval in which it is estimated.
-        sliding: window of the criterion energy [s]; None: cumulative.
-        link_length: of link 1 by a ruler [m], with which the data are compared.
-        optimizer: of energy and weak; lsq: the exact least-squares answer; auto: mde, compared with lsq.
-        start: parameters, or a result file, from which likelihood starts; None: the answer of weak.
-        seed: of all random numbers.
-        spread: relative spread of J at which a run of MDE stops; 0: never.
-        smoothing: window of the differentiator [s]; None: 0.02 for energy, else chosen from the data.
-        runs: of MDE; None: 10.
-        population: vectors of a run; None: 30.
-        generations: of a run; None: 4000.
-        per_vector: draw MDE's operator once per vector.
-        apply_remedies: correct how the recordings are read as the faults found in them require.
         progress: called with the activity, how much of it is done, of how much (0: not known), and the best J.
 
     Raises:
@@ -239,7 +220,8 @@ def identify(  # noqa: D417
     missing = [name for name in ('t', 'q', 'tau') if arrays[name] is None]
     if 0 < len(missing) < 3 and not recordings:
         raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
-    given, several = recordings or (() if missing else (arrays,)), _several(validate)
+    given = recordings or (() if missing else (arrays,))
+    several = _several(validate)
     words = settings.reading.words()
     if words and any(isinstance(each, Trajectory) for each in (*given, *several)):
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
