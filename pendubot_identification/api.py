@@ -376,44 +376,39 @@ def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:
     return frame
 
 
-class _Exportable:
-    """Parameters that ``pendubot export`` writes for other programs."""
+@_arguments_in_messages()
+def _export(  # noqa: D417
+    self: Pendubot | Identified,
+    path: File,
+    *,
+    link_length: float | None = None,
+    torque_limit: float | None = None,
+    revolute: bool = False,
+    overwrite: bool = False,
+) -> Path:
+    """Write a file for another program; its suffix selects the format, as of ``pendubot export``.
 
-    __slots__ = ()
+    Args:
+        path: with the suffix .xml (MJCF), .urdf, .yaml, .m, .h or .py.
+        link_length: for simulators, measured length of link 1 [m]; None: P3 / P5.
+        torque_limit: for simulators, of the motor [N m].
+        revolute: for URDF, joints of the type revolute instead of continuous.
+        overwrite: replace an existing file.
 
-    @property
-    def _exported(self) -> PartialResult:
-        raise NotImplementedError
-
-    @_arguments_in_messages()
-    def export(
-        self,
-        path: File,
-        *,
-        link_length: float | None = None,
-        torque_limit: float | None = None,
-        revolute: bool = False,
-        overwrite: bool = False,
-    ) -> Path:
-        """Write a file for another program; its suffix selects the format, as of ``pendubot export``.
-
-        Args:
-            path: with the suffix .xml (MJCF), .urdf, .yaml, .m, .h or .py.
-            link_length: for simulators, measured length of link 1 [m]; None: P3 / P5.
-            torque_limit: for simulators, of the motor [N m].
-            revolute: for URDF, joints of the type revolute instead of continuous.
-            overwrite: replace an existing file.
-
-        Raises:
-            PendubotError: the suffix names no format, no real masses give these parameters, or the file exists.
-        """
-        name = format_of(Path(path))
-        text, _ = export(self._exported, name, link_length, torque_limit, revolute=revolute)
-        write_atomically(Path(path), text, overwrite=overwrite)
-        return Path(path)
+    Raises:
+        PendubotError: the suffix names no format, no real masses give these parameters, or the file exists.
+    """
+    if isinstance(self, Identified):
+        result: PartialResult = self.result
+    else:
+        pairs = zip(SPECIFICATIONS, self.theta, strict=False)
+        result = PartialResult(parameters={s.name: Parameter(value=value, unit=s.unit) for s, value in pairs})
+    text, _ = export(result, format_of(Path(path)), link_length, torque_limit, revolute=revolute)
+    write_atomically(Path(path), text, overwrite=overwrite)
+    return Path(path)
 
 
-class Pendubot(Parameters, _Exportable):
+class Pendubot(Parameters):
     """The parameters of a rig and its equations of motion.
 
     q, qd and tau are of shoulder and elbow: q1 [rad] from the horizontal, q2 relative to link 1, qd [rad/s], tau [N m].
@@ -423,6 +418,7 @@ class Pendubot(Parameters, _Exportable):
     """
 
     __slots__ = ()
+    export = _export
 
     def __post_init__(self) -> None:
         if problems := self.unphysical():
@@ -471,14 +467,9 @@ class Pendubot(Parameters, _Exportable):
         A, B = linearise(self)
         return A, B[:, :1]
 
-    @property
-    def _exported(self) -> PartialResult:
-        given = {s.name: Parameter(value=v, unit=s.unit) for s, v in zip(SPECIFICATIONS, self.theta, strict=False)}
-        return PartialResult(parameters=given)
-
 
 @dataclass(frozen=True, repr=False)
-class Identified(_Exportable):
+class Identified:
     """The result of an identification.
 
     Attributes:
@@ -488,6 +479,7 @@ class Identified(_Exportable):
 
     result: Result
     motions: tuple[Sequence[Trajectory], Sequence[Trajectory]] | None = None
+    export = _export
 
     @classmethod
     @_arguments_in_messages()
@@ -620,10 +612,6 @@ class Identified(_Exportable):
     def _recordings(self) -> tuple[Sequence[Trajectory], Sequence[Trajectory]]:
         """Return the motions for training and for validation; those of a loaded result are read again."""
         return self.motions or read_recordings(self.result)
-
-    @property
-    def _exported(self) -> PartialResult:
-        return self.result
 
     def __repr__(self) -> str:
         values = ', '.join(f'{name}={value:.6g}' for name, value in zip(self.names, self.theta, strict=True))
