@@ -66,8 +66,6 @@ TimeUnit = Literal['s', 'ms', 'us', 'ns']
 TorqueUnit = Literal['Nm', 'mNm', 'Ncm', 'kgfcm', 'ozfin']
 Swap = Literal['nothing', 'joints', 'positions', 'efforts']
 Quantity = Literal['q1', 'q2', 'tau1', 'tau2']
-#: What :meth:`Identified.plot` draws, and its name in a report.
-PLOTS = {'simulation': 'the simulation', 'recordings': 'the data', 'torque': 'the unexplained torque'}
 Plot = Literal['simulation', 'recordings', 'torque']
 
 #: Positions [rad] when both links stand upright.
@@ -597,9 +595,10 @@ class Identified:
         """
         from .report.plots import Prepared
 
-        if what not in PLOTS:
-            raise ParameterError(f'there is no plot {what!r}; {", ".join(PLOTS)} are expected')
-        plot: Any = dict(Prepared.of(self.result, *self._recordings()).pictures())[PLOTS[what]]()[0].content
+        draws = {'simulation': Prepared.simulation, 'recordings': Prepared.data, 'torque': Prepared.unexplained_torque}
+        if what not in draws:
+            raise ParameterError(f'there is no plot {what!r}; {", ".join(draws)} are expected')
+        plot: Any = draws[what](Prepared.of(self.result, *self._recordings()))[0].content
         if axes is None:
             from matplotlib import pyplot
 
