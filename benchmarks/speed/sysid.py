@@ -54,38 +54,31 @@ def fit(recordings, guess):
     spec.option.timestep = STEP
     model = spec.compile()
 
-    def centre(name):
-        return lambda spec, p: setattr(spec.body(name), 'ipos', [p.value[0], 0, 0])
-
-    def inertia(name):
-        return lambda spec, p: setattr(spec.body(name), 'inertia', 3 * [p.value[0]])
-
-    def of_joint(name, attribute):
+    def setting(kind, name, attribute):
         def set_to(spec, p):
-            before = getattr(spec.joint(name), attribute)
-            value = p.value[0]
-            setattr(spec.joint(name), attribute, value if np.ndim(before) == 0 else [value, *before[1:]])
+            part, value = getattr(spec, kind)(name), p.value[0]
+            before = getattr(part, attribute)
+            several = 3 * [value] if attribute == 'inertia' else [value, *np.ravel(before)[1:]]
+            setattr(part, attribute, several if np.ndim(before) else value)
 
         return set_to
 
     first, second = spec.body('link_1'), spec.body('link_2')
     params = sysid.ParameterDict()
-    for name, value, modifier in (
-        ('l1', second.pos[0], lambda spec, p: setattr(spec.body('link_2'), 'pos', [p.value[0], 0, 0])),
-        ('d1', first.ipos[0], centre('link_1')),
-        ('I1', first.inertia[0], inertia('link_1')),
-        ('d2', second.ipos[0], centre('link_2')),
-        ('I2', second.inertia[0], inertia('link_2')),
+    for kind, name, attribute, start, most in (
+        ('body', 'link_2', 'pos', second.pos[0], None),
+        ('body', 'link_1', 'ipos', first.ipos[0], None),
+        ('body', 'link_1', 'inertia', first.inertia[0], None),
+        ('body', 'link_2', 'ipos', second.ipos[0], None),
+        ('body', 'link_2', 'inertia', second.inertia[0], None),
+        ('joint', 'shoulder', 'damping', 0.01, 0.5),
+        ('joint', 'elbow', 'damping', 0.01, 0.5),
+        ('joint', 'shoulder', 'frictionloss', 0.01, 1.0),
+        ('joint', 'elbow', 'frictionloss', 0.01, 1.0),
+        ('joint', 'elbow', 'armature', 1e-3, 0.05),
     ):
-        params.add(sysid.Parameter(name, 1.2 * value, 0.05 * value, 5 * value, modifier=modifier))
-    for joint, attribute, start, most in (
-        ('shoulder', 'damping', 0.01, 0.5),
-        ('elbow', 'damping', 0.01, 0.5),
-        ('shoulder', 'frictionloss', 0.01, 1.0),
-        ('elbow', 'frictionloss', 0.01, 1.0),
-        ('elbow', 'armature', 1e-3, 0.05),
-    ):
-        params.add(sysid.Parameter(f'{joint} {attribute}', start, 0.0, most, modifier=of_joint(joint, attribute)))
+        reach = (start, 0.0, most) if most else (1.2 * start, 0.05 * start, 5 * start)
+        params.add(sysid.Parameter(f'{name} {attribute}', *reach, modifier=setting(kind, name, attribute)))
 
     states, controls, sensors = [], [], []
     kinds = sysid.SignalType.MjStateQPos, sysid.SignalType.MjStateQVel
