@@ -21,7 +21,7 @@ from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED,
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .columns import is_current, option_of, quantity_of, split
+from .columns import is_current, is_unit, option_of, quantity_of, split
 from .tables import Table, read_table
 
 
@@ -116,11 +116,19 @@ class TableReader:
             raise TableError(f'{self.path} has {names.count(column)} columns {column!r}; rename all but one of them')
         if missing := [name for name in (*REQUIRED, *conversion.columns) if name not in taken]:
             raise self._missing(missing)
-        if is_current(taken['tau1'], self.unit(taken['tau1'])) and not conversion.torque_constant:
+        torque, unit = taken['tau1'], self.unit(taken['tau1'])
+        if conversion.torque_constant:
+            return taken
+        if is_current(torque, unit):
             raise TableError(
-                f'{self.path}: the column {taken["tau1"]!r} seems to hold a motor current, and a torque is expected: '
+                f'{self.path}: the column {torque!r} seems to hold a motor current, and a torque is expected: '
                 "give the motor's constant with --torque-constant K [N m/A], and --gear N where a gear follows, or "
-                f'--torque-constant {1 / self._amperes(taken["tau1"]):g} if it is a torque'
+                f'--torque-constant {1 / self._amperes(torque):g} if it is a torque'
+            )
+        if unit and not is_unit(unit):
+            raise TableError(
+                f'{self.path}: the unit {unit!r} of the column {torque!r} is not known, and N m are expected: give its '
+                'size with --torque-constant K [N m], 1 if it is no unit, or convert the column'
             )
         return taken
 

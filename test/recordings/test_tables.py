@@ -222,6 +222,13 @@ def test_a_current_is_never_taken_for_a_torque(given, name):
         np.testing.assert_allclose(motion.tau[:, 0], np.multiply(expected, [3, 4]), atol=1e-12)
 
 
+def test_an_unknown_unit_is_never_taken_for_newton_metres(given):
+    path = given('t,q1,q2,tau1 [lbf ft]\n0,1,2,3\n0.01,1,2,4\n')
+    with pytest.raises(TableError, match=r"unit 'lbf ft' of the column 'tau1 .lbf ft.' is not known, and N m are"):
+        read(path)
+    np.testing.assert_allclose(read(path, torque_constant=1.3558).tau[:, 0], np.multiply(1.3558, [3, 4]))
+
+
 def test_a_current_by_a_row_of_units_is_no_torque(given):
     path = given('t,q1,q2,tau1\ns,rad,rad,mA\n0,0,0,1\n0.01,0.1,0,2\n')
     with pytest.raises(TableError, match='seems to hold a motor current'):
