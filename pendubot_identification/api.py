@@ -68,6 +68,7 @@ Swap = Literal['nothing', 'joints', 'positions', 'efforts']
 Quantity = Literal['q1', 'q2', 'tau1', 'tau2']
 Plot = Literal['simulation', 'recordings', 'torque']
 
+ARRAYS = ('t', 'q', 'tau', 'qd')
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)
 accelerations = dynamics.accelerations
@@ -212,10 +213,10 @@ def identify(  # noqa: D417
     from .results.options import bounds_of, settings_of
 
     settings = settings_of(_options(locals(), (*OPTIONS, *CONVERSION)), bounds_of(bounds or {}))
-    arrays = {'t': t, 'q': q, 'tau': tau, 'qd': qd}
+    arrays = dict(zip(ARRAYS, (t, q, tau, qd), strict=True))
     if recordings and any(values is not None for values in arrays.values()):
         raise ParameterError('both recordings and arrays were given; give either recordings or t, q and tau')
-    missing = [name for name in ('t', 'q', 'tau') if arrays[name] is None]
+    missing = [name for name in ARRAYS[:3] if arrays[name] is None]
     if 0 < len(missing) < 3 and not recordings:
         raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
     given = recordings or (() if missing else (arrays,))
@@ -280,7 +281,12 @@ def _load(recordings: Sequence[object], validate: Sequence[object], conversion: 
 
 def _require_known(recordings: Sequence[object]) -> None:
     """Raise ParameterError for recordings that are none of those in memory, or mixed with names of files."""
-    if not recordings or not all(isinstance(r, (Trajectory, Mapping)) or hasattr(r, 'columns') for r in recordings):
+
+    def known(r: object) -> bool:
+        frame, arrays = hasattr(r, 'columns') and hasattr(r, 'iloc'), isinstance(r, Mapping) and r.keys() >= {*ARRAYS}
+        return isinstance(r, Trajectory) or frame or arrays
+
+    if not recordings or not all(map(known, recordings)):
         kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in recordings)) or 'nothing'
         raise ParameterError(
             f'{kinds} was given; names of bags or files, or else DataFrames, motions as read() returns them, or t, q '

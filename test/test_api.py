@@ -322,6 +322,7 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
 @pytest.mark.parametrize(
     ('call', 'said'),
     [
+        (lambda: read({'t': [0.0]}), 'dict was given; names of bags or files, or else DataFrames'),
         (lambda: read(5), 'int was given; names of bags or files, or else DataFrames'),
         (lambda: read(SAMPLE, negate='q9'), "negate: there is no quantity 'q9'"),
         (identify, 'nothing was given; names of bags or files, or else DataFrames, motions as read'),
