@@ -243,6 +243,9 @@ def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
     assert '--zero hanging' in wrong.sentence
     assert [each.level for each in check(file, **wrong.remedy)] == [Level.OK] * 6
     assert [each.check for each in check(f'{SAMPLE}@0:0.3')] == ['reading']
+    np.savetxt(file, np.column_stack([motion.t, np.degrees(q), motion.tau[:, 0]]), delimiter=',', header='t,q1,q2,tau1')
+    fast = check(file)[-1]
+    assert (fast.check, fast.level, fast.remedy) == ('limits', Level.ERROR, {'degrees': 'true'})
     with pytest.raises(PendubotError, match='there is no option'):
         check(file, nonsense=1)
 
