@@ -80,10 +80,11 @@ class Trajectory:
         qd = None if self.qd is None else self.qd[index]
         return replace(self, t=self.t[index], q=self.q[index], tau=self.tau[index], qd=qd)
 
-    def require_samples(self, minimum: int = MINIMUM_SAMPLES) -> Trajectory:
-        """Return this trajectory if it holds at least ``minimum`` samples. Raises TrajectoryError: it is too short."""
-        if len(self) < minimum:
-            raise TrajectoryError(f'{self.name}: {len(self)} samples are too few; choose a window of {minimum} or more')
+    def require_samples(self) -> Trajectory:
+        """Return this trajectory. Raises TrajectoryError: it holds fewer than :data:`MINIMUM_SAMPLES`."""
+        if len(self) < MINIMUM_SAMPLES:
+            expected = f'choose a window of {MINIMUM_SAMPLES} or more'
+            raise TrajectoryError(f'{self.name}: {len(self)} samples are too few; {expected}')
         return self
 
 
