@@ -11,6 +11,7 @@ import tempfile
 
 import numpy as np
 
+from benchmarks.markdown import head, line
 from pendubot_identification import read
 from pendubot_identification.criteria import prediction_error
 from pendubot_identification.criteria.prediction_error import Simulations
@@ -26,21 +27,23 @@ from test.real import RIGS, recorded
 from test.simulated_rig import runge_kutta
 
 
-def integrated(acceleration, q, v):
-    """The states after each step, for engines that do not integrate."""
+class Engine:
+    """An engine whose accelerations are integrated here."""
 
-    def slope(x):
-        return np.array([*x[2:], *acceleration(x[:2], x[2:])])
+    def motion(self, q, v, tau):
+        def slope(x):
+            M, bias = self.terms(x[:2], x[2:])
+            return np.array([*x[2:], *np.linalg.solve(M, tau - bias - self.damping * x[2:])])
 
-    x, found = np.array([*q, *v]), []
-    for _ in range(STEPS):
-        x = runge_kutta(slope, x, STEP)
-        found.append(x)
-    return np.array(found)
+        x, found = np.array([*q, *v]), []
+        for _ in range(STEPS):
+            x = runge_kutta(slope, x, STEP)
+            found.append(x)
+        return np.array(found)
 
 
-class Pinocchio:
-    """A file in Pinocchio; its accelerations are integrated here."""
+class Pinocchio(Engine):
+    """A file in Pinocchio."""
 
     def __init__(self, text, parameters):
         self.engine = importlib.import_module('pinocchio')
@@ -62,14 +65,8 @@ class Pinocchio:
         M = self.engine.crba(self.model, self.data, self.at(q))
         return np.triu(M) + np.triu(M, 1).T, self.engine.nonLinearEffects(self.model, self.data, self.at(q), v).copy()
 
-    def motion(self, q, v, tau):
-        def acceleration(q, v):
-            return self.engine.aba(self.model, self.data, self.at(q), v, tau - self.damping * v)
 
-        return integrated(acceleration, q, v)
-
-
-class Drake:
+class Drake(Engine):
     """A file in Drake."""
 
     def __init__(self, text, parameters):
@@ -79,24 +76,15 @@ class Drake:
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName('base_link'))
         plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
         plant.Finalize()
-        p = parameters
-        damping = [plant.GetJointByName(name).default_damping() for name in ('shoulder', 'elbow')]
-        assert damping == [p.b1, p.b2]
-        self.context, self.rotor = plant.CreateDefaultContext(), np.diag([0.0, p.J2])
-        self.damping = np.array(damping)
+        self.damping = np.array([plant.GetJointByName(name).default_damping() for name in ('shoulder', 'elbow')])
+        assert [*self.damping] == [parameters.b1, parameters.b2]
+        self.context, self.rotor = plant.CreateDefaultContext(), np.diag([0.0, parameters.J2])
 
     def terms(self, q, v):
         self.plant.SetPositions(self.context, q)
         self.plant.SetVelocities(self.context, v)
         gravity = self.plant.CalcGravityGeneralizedForces(self.context)
         return self.plant.CalcMassMatrix(self.context) + self.rotor, self.plant.CalcBiasTerm(self.context) - gravity
-
-    def motion(self, q, v, tau):
-        def acceleration(q, v):
-            M, bias = self.terms(q, v)
-            return np.linalg.solve(M, tau - bias - self.damping * v)
-
-        return integrated(acceleration, q, v)
 
 
 def predictions(recording):
@@ -131,11 +119,10 @@ CASES = [
 
 
 if __name__ == '__main__':
-    print('| engine | file | model | mass matrix | bias | states of 1 s |\n|---|---|---|---|---|---|')
+    print(head('engine', 'file', 'model', 'mass matrix', 'bias', 'states of 1 s'))
     for engine, write, model in CASES:
-        errors = ' | '.join(f'{error:.0e}' for error in compared(engine, write, model, 100))
-        print(f'| {engine.__name__} | {write.__name__} | {model} | {errors} |')
-    print('\n| recording | error here | in MuJoCo |\n|---|---|---|')
+        errors = (f'{error:.0e}' for error in compared(engine, write, model, 100))
+        print(line(engine.__name__, write.__name__, model, *errors))
+    print('\n' + head('recording', 'error here', 'in MuJoCo'))
     for motion in (read('bags/paper_experiment'), *(recorded(rig, 'train')[0] for rig in RIGS)):
-        errors = (' / '.join(f'{error:.4f}' for error in each) for each in predictions(motion))
-        print(f'| {motion.name} | {" | ".join(errors)} |')
+        print(line(motion.name, *(' / '.join(f'{error:.4f}' for error in each) for each in predictions(motion))))

@@ -14,12 +14,14 @@ import hashlib
 import html
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +32,7 @@ from .errors import ParameterError, PendubotError
 from .files import OutputFolder, write_atomically
 from .formats.export import MEANINGS, export, format_of
 from .identification.estimate import Progress
-from .identification.options import OPTIONS
+from .identification.options import APPLY_REMEDIES, OPTIONS
 from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters
@@ -42,7 +44,7 @@ from .recordings.table_reader import TableReader
 from .recordings.tables import Table
 from .results import comparison
 from .results.checks import Finding, check_recordings
-from .results.options import as_arguments
+from .results.options import RENAMED, as_arguments
 from .results.provenance import IN_MEMORY
 from .results.provenance import recordings as read_recordings
 from .results.result import Parameter, PartialResult, Result
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from pandas import DataFrame
 
+F = TypeVar('F', bound=Callable[..., Any])
 File = str | Path
 Criterion = Literal['energy', 'weak', 'likelihood']
 Model = Literal['auto', 'viscous', 'coulomb', 'rotor', 'geared']
@@ -63,10 +66,9 @@ TimeUnit = Literal['s', 'ms', 'us', 'ns']
 TorqueUnit = Literal['Nm', 'mNm', 'Ncm', 'kgfcm', 'ozfin']
 Swap = Literal['nothing', 'joints', 'positions', 'efforts']
 Quantity = Literal['q1', 'q2', 'tau1', 'tau2']
-#: What :meth:`Identified.plot` draws, and its name in a report.
-PLOTS = {'simulation': 'the simulation', 'recordings': 'the data', 'torque': 'the unexplained torque'}
 Plot = Literal['simulation', 'recordings', 'torque']
 
+ARRAYS = ('t', 'q', 'tau', 'qd')
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)
 accelerations = dynamics.accelerations
@@ -82,8 +84,21 @@ def _arguments_in_messages() -> Iterator[None]:
         raise
 
 
+def _describing(*settings: Setting) -> Callable[[F], F]:
+    """Describe arguments that are options, too, in the docstring of a function, in the words of ``--help``."""
+
+    def describe(function: F) -> F:
+        lines = (f'    {RENAMED.get(each.name, each.name)}: {each.help()}.' for each in settings)
+        wrapped = (fill(line, 120, subsequent_indent=' ' * 8) for line in lines)
+        function.__doc__ = '\n'.join([cleandoc(function.__doc__ or ''), '\nOther Parameters:', *wrapped])
+        return function
+
+    return describe
+
+
 @_arguments_in_messages()
-def read(
+@_describing(*CONVERSION)
+def read(  # noqa: D417
     source: File | DataFrame,
     *,
     topic: str = '/joint_states',
@@ -111,25 +126,6 @@ def read(
     Args:
         source: a path, also ``FILE@START:END`` in seconds, or a DataFrame with the columns t, q1, q2, tau1 and, if
             present, tau2, dq1, dq2. An index with a name is a column, too.
-        topic: of the JointStates in a bag.
-        joint_names: shoulder and elbow in a bag.
-        columns: names of columns that have no usual one, such as ``{'q1': 'theta1'}``.
-        skip_rows: lines above the column names of a text file or a sheet.
-        sheet: of an Excel file; None: the first.
-        encoding: of a text file; None: UTF-8, UTF-16, or else Windows-1252.
-        decimal: separator of a text file.
-        time_unit: of the column t.
-        skip_missing: leave out samples with a missing or non-numeric value.
-        unwrap: make angles continuous that were wrapped into one turn.
-        degrees: whether angles are in degrees, and velocities in degrees per second.
-        torque_unit: of torques.
-        swap: joints, or positions or efforts alone, that are exchanged.
-        torque_constant: [N m/A], by which a motor current is multiplied.
-        gear: turns of the motor per turn of the shoulder, which multiply that constant.
-        negate: quantities with the opposite sign; velocities follow their angles.
-        elbow: whether q2 is the angle to link 1, or has the same zero as q1.
-        zero: where q1 is zero.
-        offset: subtracted last, in rad and N m, such as ``{'q1': 0.1}`` or ``{'q1': '5deg'}``.
 
     Raises:
         FileNotFoundError: there is no such recording (also a PendubotError).
@@ -140,6 +136,7 @@ def read(
         (window,) = windows_of([str(source)], conversion)
         recorded = read_trajectory(window, conversion)
     else:
+        _require_known([source])
         recorded = _in_memory(source, conversion)
     if recorded.note:
         warnings.warn(as_arguments(recorded.note), stacklevel=3)
@@ -147,6 +144,7 @@ def read(
 
 
 @_arguments_in_messages()
+@_describing(*OPTIONS, APPLY_REMEDIES, *CONVERSION)
 def identify(  # noqa: D417
     *recordings: Trajectory | File | DataFrame,
     t: ArrayLike | None = None,
@@ -194,8 +192,7 @@ def identify(  # noqa: D417
 ) -> Identified:
     """Estimate the parameters of a rig, like ``pendubot identify``.
 
-    Arguments that are not listed here are those of :func:`read`, for everything but motions, which are converted
-    already.
+    The arguments of :func:`read` are for everything but motions, which are converted already.
 
     Args:
         recordings: bags or files with columns, each ``BAG[@START:END]``, or DataFrames or motions. Of a single one
@@ -206,22 +203,6 @@ def identify(  # noqa: D417
         qd: and velocities [rad/s], shape (N, 2), if measured.
         validate: recordings that only validate.
         bounds: search intervals by name, such as ``{'P1': (0, 0.5)}``; a single number fixes a parameter.
-        criterion: what is minimised, one or several.
-        model: which parameters there are; auto: the smallest model that is exact, or else the largest.
-        hold: the torque between its samples: held (zero), or measured (linear).
-        delay: how much later than stamped the torque acts [s], or the interval in which it is estimated.
-        sliding: window of the criterion energy [s]; None: cumulative.
-        link_length: of link 1 by a ruler [m], with which the data are compared.
-        optimizer: of energy and weak; lsq: the exact least-squares answer; auto: mde, compared with lsq.
-        start: parameters, or a result file, from which likelihood starts; None: the answer of weak.
-        seed: of all random numbers.
-        spread: relative spread of J at which a run of MDE stops; 0: never.
-        smoothing: window of the differentiator [s]; None: 0.02 for energy, else chosen from the data.
-        runs: of MDE; None: 10.
-        population: vectors of a run; None: 30.
-        generations: of a run; None: 4000.
-        per_vector: draw MDE's operator once per vector.
-        apply_remedies: correct how the recordings are read as the faults found in them require.
         progress: called with the activity, how much of it is done, of how much (0: not known), and the best J.
 
     Raises:
@@ -232,18 +213,19 @@ def identify(  # noqa: D417
     from .results.options import bounds_of, settings_of
 
     settings = settings_of(_options(locals(), (*OPTIONS, *CONVERSION)), bounds_of(bounds or {}))
-    arrays = {'t': t, 'q': q, 'tau': tau, 'qd': qd}
+    arrays = dict(zip(ARRAYS, (t, q, tau, qd), strict=True))
     if recordings and any(values is not None for values in arrays.values()):
         raise ParameterError('both recordings and arrays were given; give either recordings or t, q and tau')
-    missing = [name for name in ('t', 'q', 'tau') if arrays[name] is None]
+    missing = [name for name in ARRAYS[:3] if arrays[name] is None]
     if 0 < len(missing) < 3 and not recordings:
         raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
     given = recordings or (() if missing else (arrays,))
+    several = _several(validate)
     words = settings.reading.words()
-    if words and any(isinstance(each, Trajectory) for each in (*given, *validate)):
+    if words and any(isinstance(each, Trajectory) for each in (*given, *several)):
         raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
 
-    load = partial(_load, given, validate)
+    load = partial(_load, given, several)
     result, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
     return Identified(result, (data.training, data.validation))
 
@@ -271,7 +253,7 @@ def check(*recordings: File, validate: Sequence[File] = (), **options: object) -
     """
     from .results.options import settings_of
 
-    return check_recordings(partial(_load, recordings, validate), settings_of(_options(options)))
+    return check_recordings(partial(_load, recordings, _several(validate)), settings_of(_options(options)))
 
 
 def _options(arguments: Mapping[str, object], options: Sequence[Setting] | None = None) -> dict[str, object]:
@@ -282,20 +264,34 @@ def _options(arguments: Mapping[str, object], options: Sequence[Setting] | None 
     return given if options is None else {each.name: given[each.name] for each in options if each.name in given}
 
 
+def _several(recordings: object) -> Sequence[object]:
+    """Return recordings as a sequence, also a single one."""
+    return recordings if isinstance(recordings, (list, tuple)) else [recordings]
+
+
 def _load(recordings: Sequence[object], validate: Sequence[object], conversion: Conversion) -> Datasets:
     """Return the motions for training and for validation."""
     given = [*recordings, *validate]
     if all(isinstance(each, (str, Path)) for each in given) and recordings:
         return load_datasets([str(each) for each in recordings], [str(each) for each in validate], conversion)
-    known = [isinstance(each, (Trajectory, Mapping)) or hasattr(each, 'columns') for each in given]
-    if not recordings or not all(known):
-        kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in given)) or 'nothing'
+    _require_known(given if recordings else [])
+    training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
+    return divided(training, validation)
+
+
+def _require_known(recordings: Sequence[object]) -> None:
+    """Raise ParameterError for recordings that are none of those in memory, or mixed with names of files."""
+
+    def known(r: object) -> bool:
+        frame, arrays = hasattr(r, 'columns') and hasattr(r, 'iloc'), isinstance(r, Mapping) and r.keys() >= {*ARRAYS}
+        return isinstance(r, Trajectory) or frame or arrays
+
+    if not recordings or not all(map(known, recordings)):
+        kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in recordings)) or 'nothing'
         raise ParameterError(
             f'{kinds} was given; names of bags or files, or else DataFrames, motions as read() returns them, or t, q '
             'and tau are expected'
         )
-    training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
-    return divided(training, validation)
 
 
 def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
@@ -384,44 +380,39 @@ def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:
     return frame
 
 
-class _Exportable:
-    """Parameters that ``pendubot export`` writes for other programs."""
+@_arguments_in_messages()
+def _export(  # noqa: D417
+    self: Pendubot | Identified,
+    path: File,
+    *,
+    link_length: float | None = None,
+    torque_limit: float | None = None,
+    revolute: bool = False,
+    overwrite: bool = False,
+) -> Path:
+    """Write a file for another program; its suffix selects the format, as of ``pendubot export``.
 
-    __slots__ = ()
+    Args:
+        path: with the suffix .xml (MJCF), .urdf, .yaml, .m, .h or .py.
+        link_length: for simulators, measured length of link 1 [m]; None: P3 / P5.
+        torque_limit: for simulators, of the motor [N m].
+        revolute: for URDF, joints of the type revolute instead of continuous.
+        overwrite: replace an existing file.
 
-    @property
-    def _exported(self) -> PartialResult:
-        raise NotImplementedError
-
-    @_arguments_in_messages()
-    def export(
-        self,
-        path: File,
-        *,
-        link_length: float | None = None,
-        torque_limit: float | None = None,
-        revolute: bool = False,
-        overwrite: bool = False,
-    ) -> Path:
-        """Write a file for another program; its suffix selects the format, as of ``pendubot export``.
-
-        Args:
-            path: with the suffix .xml (MJCF), .urdf, .yaml, .m, .h or .py.
-            link_length: for simulators, measured length of link 1 [m]; None: P3 / P5.
-            torque_limit: for simulators, of the motor [N m].
-            revolute: for URDF, joints of the type revolute instead of continuous.
-            overwrite: replace an existing file.
-
-        Raises:
-            PendubotError: the suffix names no format, no real masses give these parameters, or the file exists.
-        """
-        name = format_of(Path(path))
-        text, _ = export(self._exported, name, link_length, torque_limit, revolute=revolute)
-        write_atomically(Path(path), text, overwrite=overwrite)
-        return Path(path)
+    Raises:
+        PendubotError: the suffix names no format, no real masses give these parameters, or the file exists.
+    """
+    if isinstance(self, Identified):
+        result: PartialResult = self.result
+    else:
+        pairs = zip(SPECIFICATIONS, self.theta, strict=False)
+        result = PartialResult(parameters={s.name: Parameter(value=value, unit=s.unit) for s, value in pairs})
+    text, _ = export(result, format_of(Path(path)), link_length, torque_limit, revolute=revolute)
+    write_atomically(Path(path), text, overwrite=overwrite)
+    return Path(path)
 
 
-class Pendubot(Parameters, _Exportable):
+class Pendubot(Parameters):
     """The parameters of a rig and its equations of motion.
 
     q, qd and tau are of shoulder and elbow: q1 [rad] from the horizontal, q2 relative to link 1, qd [rad/s], tau [N m].
@@ -431,6 +422,7 @@ class Pendubot(Parameters, _Exportable):
     """
 
     __slots__ = ()
+    export = _export
 
     def __post_init__(self) -> None:
         if problems := self.unphysical():
@@ -479,14 +471,9 @@ class Pendubot(Parameters, _Exportable):
         A, B = linearise(self)
         return A, B[:, :1]
 
-    @property
-    def _exported(self) -> PartialResult:
-        given = {s.name: Parameter(value=v, unit=s.unit) for s, v in zip(SPECIFICATIONS, self.theta, strict=False)}
-        return PartialResult(parameters=given)
-
 
 @dataclass(frozen=True, repr=False)
-class Identified(_Exportable):
+class Identified:
     """The result of an identification.
 
     Attributes:
@@ -496,6 +483,7 @@ class Identified(_Exportable):
 
     result: Result
     motions: tuple[Sequence[Trajectory], Sequence[Trajectory]] | None = None
+    export = _export
 
     @classmethod
     @_arguments_in_messages()
@@ -613,9 +601,10 @@ class Identified(_Exportable):
         """
         from .report.plots import Prepared
 
-        if what not in PLOTS:
-            raise ParameterError(f'there is no plot {what!r}; {", ".join(PLOTS)} are expected')
-        plot: Any = dict(Prepared.of(self.result, *self._recordings()).pictures())[PLOTS[what]]()[0].content
+        draws = {'simulation': Prepared.simulation, 'recordings': Prepared.data, 'torque': Prepared.unexplained_torque}
+        if what not in draws:
+            raise ParameterError(f'there is no plot {what!r}; {", ".join(draws)} are expected')
+        plot: Any = draws[what](Prepared.of(self.result, *self._recordings()))[0].content
         if axes is None:
             from matplotlib import pyplot
 
@@ -628,10 +617,6 @@ class Identified(_Exportable):
     def _recordings(self) -> tuple[Sequence[Trajectory], Sequence[Trajectory]]:
         """Return the motions for training and for validation; those of a loaded result are read again."""
         return self.motions or read_recordings(self.result)
-
-    @property
-    def _exported(self) -> PartialResult:
-        return self.result
 
     def __repr__(self) -> str:
         values = ', '.join(f'{name}={value:.6g}' for name, value in zip(self.names, self.theta, strict=True))

@@ -10,11 +10,11 @@ import yaml
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import CRITERIA, Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.recordings.source import Source
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.result import Result
 from pendubot_identification.results.result import plain as plain_of
 from pendubot_identification.results.result_file import structured
+from pendubot_identification.trajectories.trajectory import Source
 from test.conftest import ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'

@@ -80,6 +80,7 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
         identify(t=motion.t.tolist(), q=degrees.tolist(), tau=milli.tolist(), **units, **FAST),
         identify(frame, columns=columns, **units, **FAST),
         identify(frame.set_index('t'), columns=columns, **units, **FAST),
+        identify(motion[:900], validate=motion[900:], **FAST),
     ):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
         assert [source.role for source in again.result.bags] == ['training', 'validation']
@@ -242,6 +243,9 @@ def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
     assert '--zero hanging' in wrong.sentence
     assert [each.level for each in check(file, **wrong.remedy)] == [Level.OK] * 6
     assert [each.check for each in check(f'{SAMPLE}@0:0.3')] == ['reading']
+    np.savetxt(file, np.column_stack([motion.t, np.degrees(q), motion.tau[:, 0]]), delimiter=',', header='t,q1,q2,tau1')
+    fast = check(file)[-1]
+    assert (fast.check, fast.level, fast.remedy) == ('limits', Level.ERROR, {'degrees': 'true'})
     with pytest.raises(PendubotError, match='there is no option'):
         check(file, nonsense=1)
 
@@ -255,7 +259,7 @@ def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
         ("--sheet 'Run 2' --skip-rows 3", "sheet='Run 2' skip_rows=3"),
         ('--offset q1=5deg?', "offset={'q1': '5deg'}?"),
         ('with --torque-constant K [N m]', 'with torque_constant=K [N m]'),
-        ('--delay 0:0.02, or', 'delay=(0, 0.02), or'),
+        ('--delay 0:0.02, or', 'delay=[0.0, 0.02], or'),
         ('--topic /a --joints a,b', "topic='/a' joint_names=['a', 'b']"),
         ('(--joints): add --force', '(joint_names): add overwrite=True'),
         ('pendubot excite --design', 'pendubot excite --design'),
@@ -321,6 +325,9 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
 @pytest.mark.parametrize(
     ('call', 'said'),
     [
+        (lambda: read({'t': [0.0]}), 'dict was given; names of bags or files, or else DataFrames'),
+        (lambda: read(5), 'int was given; names of bags or files, or else DataFrames'),
+        (lambda: read(SAMPLE, negate='q9'), "negate: there is no quantity 'q9'"),
         (identify, 'nothing was given; names of bags or files, or else DataFrames, motions as read'),
         (lambda: identify(SAMPLE, read(SAMPLE)), 'PosixPath, Trajectory was given'),
         (lambda: identify(SAMPLE, criterion='weka'), 'criterion is weka; one of energy, weak, likelihood'),

@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from benchmarks.markdown import head, line
+
 PHYSICAL, FRICTION = ('P1', 'P2', 'P3', 'P4', 'P5'), ('b1', 'b2', 'Fc1', 'Fc2')
 LEVELS = ('OK', 'WARN', 'ERROR', 'refused')
 
@@ -103,5 +105,5 @@ TABLES = {
 
 def markdown(command, found):
     """Return the table of a command for a list of outcomes."""
-    header, *rows = TABLES[command](found)
-    return '\n'.join('| ' + ' | '.join(line) + ' |' for line in (header, ['---'] * len(header), *rows))
+    names, *rows = TABLES[command](found)
+    return '\n'.join([head(*names), *(line(*row) for row in rows)])

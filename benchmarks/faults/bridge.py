@@ -18,7 +18,8 @@ from pendubot_identification.link.events import Sample
 from pendubot_identification.link.host import Host, HostConfig
 from pendubot_identification.link.protocol import encode
 from test.processes import Program, call, parameters, spin_until
-from test.rig import ARMED, WATCHDOG, Rig
+from test.recordings.independent import by_rosbags
+from test.rig import ARMED, PATIENT, WATCHDOG, Rig
 from test.witness import Witness
 
 from .table import Trial, ros, ros_node
@@ -27,9 +28,6 @@ from .wire import CPR, damage, hello, numbered_state, scrambled
 MS = 1_000_000
 RADIAN = 2 * np.pi / CPR
 WATCHDOG_MS = 100
-
-
-# What several trials need
 
 
 @contextlib.contextmanager
@@ -41,6 +39,17 @@ def live_rig(folder, *board_options):
             yield rig
         finally:
             rig.close()
+
+
+@contextlib.contextmanager
+def running_rig(folder, *board_options, bridge=()):
+    """The same in a folder of its own, with a board and a bridge that publishes."""
+    folder.mkdir(exist_ok=True)
+    with live_rig(folder, *board_options) as rig:
+        rig.start_board()
+        rig.start_bridge(*bridge)
+        rig.until_samples(20)
+        yield rig
 
 
 def drive(rig, torque):
@@ -83,9 +92,6 @@ def is_numbered(q, effort):
     """Return whether positions and effort are those of one numbered sample."""
     n = number_of(q)
     return abs(q[1] + 2 * n * RADIAN) < 1e-6 and round(effort * 1e6) == scrambled(n)
-
-
-# Nothing wrong, and a machine that is busy
 
 
 @contextlib.contextmanager
@@ -176,11 +182,7 @@ def place(truth, heard):
 
 def recorded_stamps(bag):
     """The stamps [ns] in a bag, read by rosbags; a JointState begins with its stamp, behind 4 bytes of CDR's own."""
-    from rosbags.rosbag2 import Reader
-
-    with Reader(bag) as reader:
-        chosen = [c for c in reader.connections if c.topic == '/joint_states']
-        stamps = [struct.unpack_from('<iI', data, 4) for _, _, data in reader.messages(connections=chosen)]
+    stamps = [struct.unpack_from('<iI', data, 4) for topic, _, data in by_rosbags(bag) if topic == '/joint_states']
     return np.array([sec * 10**9 + nanosec for sec, nanosec in stamps], dtype=np.int64)
 
 
@@ -213,9 +215,6 @@ def burn():
         sum(range(100_000))
 
 
-# Damage
-
-
 def damaged_offline(_, long):
     wanted = 1_000_000 if long else 6_000
     rng = np.random.default_rng(2)
@@ -244,19 +243,13 @@ def damaged_offline(_, long):
     yield 'the lost ones are counted exactly', f'{host.counters.lost} of {lost}', host.counters.lost == lost
 
 
-# The cable
-
-
 def cable(folder, long):
     times = 40 if long else 2
     rng = np.random.default_rng(5)
     heard = folder / 'heard.npy'
-    with live_rig(folder) as rig, Program('listener', heard) as listener:
-        listener.wait_for('listening')
-        board = rig.start_board()
-        bridge = rig.start_bridge()
-        rig.until_samples(10)
+    with Program('listener', heard) as listener, running_rig(folder) as rig:
         listener.wait_for('hearing')
+        board, bridge = rig.programs
         before = holds(bridge.process.pid)
         detected, back, paths = [], [], set()
         disarmed = 0
@@ -297,7 +290,28 @@ def log_time(line):
     return int(seconds) * 10**9 + int(nanos)
 
 
-# Commands
+def commands(folder, long):
+    """The time from a command of torque to the first joint state that has it, on each of the bridge's two topics."""
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64
+
+    with running_rig(folder, bridge=PATIENT) as rig:
+        for topic, kind in (('effort_command', Float64), ('joint_commands', JointState)):
+            publisher, spent = rig.node.create_publisher(kind, f'/pendubot/{topic}', 1), []
+            rig.until(lambda publisher=publisher: publisher.get_subscription_count() == 1)
+            assert rig.call('arm').success
+            for k in range(1000 if long else 20):
+                torque = 0.01 * (1 + k % 2)
+                names = ['shoulder', 'elbow']
+                message = kind(data=torque) if kind is Float64 else kind(name=names, effort=[torque])
+                begin = time.perf_counter()
+                publisher.publish(message)
+                rig.until(lambda torque=torque: rig.samples[-1][6] == torque)
+                spent.append(1e3 * (time.perf_counter() - begin))
+            assert rig.call('disarm').success
+            rig.node.destroy_publisher(publisher)
+            median, late = np.percentile(spent, [50, 99])
+            yield f'(latency on {topic})', f'median {median:.2f} ms, p99 {late:.2f} ms', True, True
 
 
 def watchdog(folder, long):
@@ -399,5 +413,6 @@ TRIALS = [
     Trial('busy', 'all cores saturated by other work, 1 kHz', busy, True),
     Trial('offline', 'bit flips, dropped and doubled bytes, offline', damaged_offline),
     Trial('cable', 'cable out mid-frame, back on another path behind the same link', cable, True),
+    Trial('commands', 'none: from a command to its joint state', commands, True),
     Trial('watchdog', 'commander stops; bridge SIGSTOPped or SIGKILLed while armed', watchdog, True),
 ]

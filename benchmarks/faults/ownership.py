@@ -19,7 +19,7 @@ from pendubot_identification.link.protocol import Arm, Command, Hello, Status, e
 from test.processes import Program, parameters, spin_until
 from test.rig import ARMED, PATIENT
 
-from .bridge import drive, live_rig, newest, repeating
+from .bridge import drive, live_rig, newest, repeating, running_rig
 from .table import Trial
 from .wire import Tap
 
@@ -31,6 +31,7 @@ MICRO = 1_000_000
 @contextlib.contextmanager
 def tapped_rig(folder, *board_options, bridge=()):
     """A rig whose two wires can be reached, and a bridge that hears its board through them."""
+    folder.mkdir(exist_ok=True)
     with live_rig(folder, *board_options) as rig:
         rig.start_board()
         rig.bridge_port = folder / 'tap'
@@ -119,10 +120,7 @@ def foreign(folder, long):
 def usurper(folder, long):
     """A program that knows the protocol arms the board itself, again and again."""
     held = []
-    with live_rig(folder) as rig:
-        rig.start_board()
-        rig.start_bridge()
-        rig.until_samples(20)
+    with running_rig(folder) as rig:
         try:
             port = os.open(rig.port, os.O_WRONLY | os.O_NOCTTY)
         except OSError as error:
@@ -155,8 +153,7 @@ def forged(folder, _):
         'a limit of 4': lambda h: replace(h, limits=replace(h.limits, max_speed=4_000_000)),
     }
     for lie, change in lies.items():
-        (place := folder / lie.replace(' ', '_')).mkdir()
-        with tapped_rig(place) as (rig, tap):
+        with tapped_rig(folder / lie.replace(' ', '_')) as (rig, tap):
             tap.rewrite = lambda e, change=change: change(e) if isinstance(e, Hello) else e
             rig.programs.pop().stop()
             rig.start_bridge()
@@ -175,8 +172,7 @@ def wires(folder, long):
     results = {}
     cases = [('to_host', 100), ('to_board', 100), ('to_board', 300)][: 3 if long else 2]
     for wire, watchdog_ms in cases:
-        (place := folder / f'{wire}{watchdog_ms}').mkdir()
-        with tapped_rig(place, bridge=(f'watchdog_ms:={watchdog_ms}',)) as (rig, tap):
+        with tapped_rig(folder / f'{wire}{watchdog_ms}', bridge=(f'watchdog_ms:={watchdog_ms}',)) as (rig, tap):
             drive(rig, OWN)
             begun = len(rig.trace())
             tap.cut = {wire}
@@ -195,10 +191,7 @@ def wires(folder, long):
 
 def stuck(folder, _):
     """The shoulder's encoder stands still under a torque that moves the shoulder, gently enough for the elbow."""
-    with live_rig(folder, '--fault', 'stuck_at=0', '--limit', 'stall_torque=300000') as rig:
-        rig.start_board()
-        rig.start_bridge(*PATIENT)
-        rig.until_samples(20)
+    with running_rig(folder, '--fault', 'stuck_at=0', '--limit', 'stall_torque=300000', bridge=PATIENT) as rig:
         drive(rig, 0.35)
         begun = int(np.flatnonzero(rig.trace()[:, 3])[0])
         rig.drive_until(0.35, lambda: rig.diagnosed(2, 'stall'))
@@ -214,11 +207,8 @@ def runaway(folder, _):
         (('--limit', 'max_speed=20000'), (), 'speed'),
         (('--limit', 'max_travel1=6000'), ('max_travel:=[6.5, 0.0]',), 'travel'),
     ):
-        (place := folder / f'{name}{len(limits)}{len(parameters_)}').mkdir()
-        with live_rig(place, *limits) as rig:
-            rig.start_board()
-            rig.start_bridge(*PATIENT, *parameters_)
-            rig.until_samples(20)
+        place = folder / f'{name}{len(limits)}{len(parameters_)}'
+        with running_rig(place, *limits, bridge=(*PATIENT, *parameters_)) as rig:
             assert rig.call('arm').success
             rig.drive_until(0.6, lambda: rig.diagnosed(2, 'fault'))
             until_off(rig, 0)
@@ -238,9 +228,7 @@ def runaway(folder, _):
 
 def restart(folder, _):
     """The board restarts while the rig moves; the zeros have to be confirmed at rest."""
-    with live_rig(folder, '--fault', 'reset_at=8') as rig:
-        rig.start_board()
-        rig.start_bridge(*PATIENT, 'confirm_zeros:=true')
+    with running_rig(folder, '--fault', 'reset_at=8', bridge=(*PATIENT, 'confirm_zeros:=true')) as rig:
         rig.until_samples(1200)
         assert not rig.call('arm').success
         confirmed = rig.call('confirm_zeros')
@@ -264,11 +252,8 @@ def restart(folder, _):
 def stopped(folder, long):
     """SIGSTOP of the bridge and of the exciter at each watchdog setting; what comes after SIGCONT is too old."""
     for watchdog_ms, pause in ((500, 0.35), (50, 0.35), (100, 0.35), (500, 0.8))[: 4 if long else 2]:
-        (place := folder / f'{watchdog_ms}{pause}').mkdir()
-        with live_rig(place) as rig:
-            rig.start_board()
-            bridge = rig.start_bridge(f'watchdog_ms:={watchdog_ms}')
-            rig.until_samples(20)
+        with running_rig(folder / f'{watchdog_ms}{pause}', bridge=(f'watchdog_ms:={watchdog_ms}',)) as rig:
+            bridge = rig.programs[-1]
             drive(rig, OWN)
             bridge.halt()
             rig.effort(FOREIGN)  # waits for it
@@ -284,10 +269,7 @@ def stopped(folder, long):
         name = f'bridge, watchdog {watchdog_ms} ms, stopped for {pause:g} s'
         yield f'{name}: nothing of the old command', f'{old} samples', old == 0
         yield f'{name}: off within 20 ms of SIGCONT', f'{last} ms', last <= 20, True
-    with live_rig(folder) as rig:
-        rig.start_board()
-        rig.start_bridge()
-        rig.until_samples(20)
+    with running_rig(folder) as rig:
         values = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2, 'arm': 'true'}
         rig.node.destroy_publisher(rig.effort_publisher)
         with Program('exciter', *parameters(**values)) as exciter:

@@ -7,18 +7,17 @@ import os
 import random
 import resource
 import shutil
+import statistics
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 from unittest import mock
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
-from test.processes import Program
+from test.processes import Program, parameters
 from test.recordings import damage
 from test.recordings.independent import by_mcap, by_rosbags
 
@@ -28,10 +27,9 @@ RATE = 1000  #: Messages a second.
 ROOM = 20_000_000  #: Free space above the reserve [bytes].
 
 
-def recorder(output, *topics, **parameters):
+def recorder(output, *topics, **others):
     """Start a recorder."""
-    settings = {'output': output, 'topics': '[' + ','.join(topics) + ']', **parameters}
-    return Program('recorder', '--ros-args', *(part for k, v in settings.items() for part in ('-p', f'{k}:={v}')))
+    return Program('recorder', *parameters(output=output, topics=f'[{",".join(topics)}]', **others))
 
 
 def wait(condition, timeout=30.0):
@@ -67,21 +65,14 @@ def joint_state(k):
     )
 
 
-class Kill(NamedTuple):
-    """A recorder that was killed: messages published until then, read from its bag, and from the repaired copy."""
+def kills(node, folder, count):
+    """Kill a recorder of 1 kHz so many times, each at another moment.
 
-    sent: int
-    read: int
-    saved: int
-    in_order: bool
-
-
-def kills(node, folder, count, seed=1) -> Iterator[Kill]:
-    """Kill a recorder of 1 kHz so many times, each at another moment."""
-    random_ = random.Random(seed)
+    Yield how many messages are lost, and whether a repaired copy has all others in order.
+    """
+    random_ = random.Random(1)
     for k in range(count):
-        path = folder / f'killed{k}'
-        topic = f'/killed{k}'
+        path, copy, topic = folder / f'killed{k}', folder / f'repaired{k}', f'/killed{k}'
         with recorder(path, topic) as program:
             publisher = node.create_publisher(type(joint_state(0)), topic, 1000)
             wait_for_subscriptions(publisher)
@@ -98,63 +89,46 @@ def kills(node, folder, count, seed=1) -> Iterator[Kill]:
             program.kill()
         node.destroy_publisher(publisher)
         read = recorded(path)
-        repair(path, folder / f'repaired{k}')
-        saved = by_mcap(folder / f'repaired{k}')
+        repair(path, copy)
+        saved = by_mcap(copy)
         stamps = [int.from_bytes(data[8:12], 'little') for _, _, data in saved]
-        in_order = stamps == list(range(len(stamps))) and by_rosbags(folder / f'repaired{k}') == saved
-        yield Kill(sent, read, len(saved), in_order)
+        yield sent - read, stamps == list(range(read)) and by_rosbags(copy) == saved
 
 
 def killed(folder, long):
     """SIGKILL the recorder."""
     with ros_node() as node:
-        found = list(kills(node, folder, 20 if long else 3))
-    losses = sorted(kill.sent - kill.read for kill in found)
-    whole = sum(kill.in_order and kill.saved == kill.read for kill in found)
-    median, most = losses[len(losses) // 2], losses[-1]
-    wanted = f'at most {RATE // 10} messages lost, {len(found)} times'
-    yield wanted, f'{median} in the median, {most} at most', most <= RATE // 10, True
-    yield 'all repaired, and read by rosbags and mcap as sent', f'{whole} of {len(found)}', whole == len(found)
+        losses, saved = zip(*kills(node, folder, 20 if long else 3), strict=True)
+    wanted = f'at most {RATE // 10} messages lost, {len(losses)} times'
+    most = max(losses)
+    yield wanted, f'{statistics.median_low(losses)} in the median, {most} at most', most <= RATE // 10, True
+    yield 'all repaired, and read by rosbags and mcap as sent', f'{sum(saved)} of {len(saved)}', all(saved)
 
 
-@contextmanager
-def disk_of_its_own(folder):
-    """A folder to which little else is written meanwhile; Fast DDS keeps its segments in /dev/shm, too."""
-    disk = Path(tempfile.mkdtemp(dir='/dev/shm' if os.access('/dev/shm', os.W_OK) else folder))
-    try:
-        yield disk
-    finally:
-        shutil.rmtree(disk)
-
-
-def fills_up(folder, limited):
+def fills_up(folder, _=False, limited=False):
     """Record to a disk that fills up to the reserve, or under a limit on the size of files."""
-    with disk_of_its_own(folder) as disk:
-        yield from _fills_up(disk, limited)
-
-
-def _fills_up(folder, limited):
-    path = folder / 'bag'
-    reserve = 0 if limited else shutil.disk_usage(folder).free - ROOM
-    with ros_node() as node, recorder(path, '/full', reserve=reserve) as program:
-        message = joint_state(0)
-        message.header.frame_id = 'x' * 100_000
-        publisher = node.create_publisher(type(message), '/full', 10)
-        wait_for_subscriptions(publisher)
-        if limited:
-            resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (5_000_000, 5_000_000))
-        sent = 0
-        while program.process.poll() is None:
-            publisher.publish(message)
-            sent += 1
-            wait(lambda: program.process.poll() is not None or recorded(path) >= sent - 5)  # noqa: B023
-        status = program.process.returncode
-        why = 'the system limits files to 5.000 MB' if limited else 'its disk has'
-        wait(lambda: f'is closed with all earlier messages: {why}' in program.output)
-        traced = 'Traceback' in program.output
-    left, size = shutil.disk_usage(folder).free - reserve, sum(file.stat().st_size for file in path.iterdir())
-    info = BagReader(path)
-    same = by_mcap(path) == by_rosbags(path)
+    # Little else is written there meanwhile; Fast DDS keeps its segments in /dev/shm, too.
+    with tempfile.TemporaryDirectory(dir='/dev/shm' if os.access('/dev/shm', os.W_OK) else folder) as disk:
+        path = Path(disk, 'bag')
+        reserve = 0 if limited else shutil.disk_usage(disk).free - ROOM
+        with ros_node() as node, recorder(path, '/full', reserve=reserve) as program:
+            message = joint_state(0)
+            message.header.frame_id = 'x' * 100_000
+            publisher = node.create_publisher(type(message), '/full', 10)
+            wait_for_subscriptions(publisher)
+            if limited:
+                resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (5_000_000, 5_000_000))
+            sent = 0
+            while program.process.poll() is None:
+                publisher.publish(message)
+                sent += 1
+                wait(lambda: program.process.poll() is not None or recorded(path) >= sent - 5)  # noqa: B023
+            status = program.process.returncode
+            why = 'the system limits files to 5.000 MB' if limited else 'its disk has'
+            wait(lambda: f'is closed with all earlier messages: {why}' in program.output)
+            traced = 'Traceback' in program.output
+        left, size = shutil.disk_usage(disk).free - reserve, sum(file.stat().st_size for file in path.iterdir())
+        info, same = BagReader(path), by_mcap(path) == by_rosbags(path)
     said = f'closed: {info.closed}, {left / 1e6:.1f} MB above the reserve, exit status {status}'
     # Other programs may take a part of the reserve after the bag was closed.
     right = info.closed and (left >= 0 or size <= ROOM) and status == 1 and not traced
@@ -163,8 +137,9 @@ def _fills_up(folder, limited):
     yield 'all before it read by rosbags and mcap', said, same and info.count >= sent - 6
 
 
-def damaged(folder, count, alter, *, closed):
-    """Cut or change a bag so many times; read and repair what is left."""
+def damaged(folder, long, alter, counts, closed):
+    """Cut or change a bag many times; read and repair what is left."""
+    count = counts[long]
     silent = refused = worst = done = 0
     crash = 'no crash'
     try:
@@ -185,16 +160,18 @@ def damaged(folder, count, alter, *, closed):
 
 TRIALS = [
     Trial('kill', 'recorder SIGKILLed at 1 kHz', killed),
-    Trial('disk', 'disk full', lambda folder, _: fills_up(folder, False)),
-    Trial('quota', 'files limited in size', lambda folder, _: fills_up(folder, True)),
+    Trial('disk', 'disk full', fills_up),
+    Trial('quota', 'files limited in size', partial(fills_up, limited=True)),
+    *(
+        Trial(
+            f'{alter.__name__}-{state}',
+            f'{state} bag, {fault}',
+            partial(damaged, alter=alter, counts=counts, closed=state == 'closed'),
+        )
+        for alter, fault, counts in (
+            (damage.cut, 'cut anywhere', (10, 100)),
+            (damage.change, 'a byte changed anywhere', (25, 1000)),
+        )
+        for state in ('closed', 'killed')
+    ),
 ]
-for each, alter, fault, short, long in (
-    ('cut', damage.cut, 'cut anywhere', 10, 100),
-    ('change', damage.change, 'a byte changed anywhere', 25, 1000),
-):
-    for state in ('closed', 'killed'):
-
-        def measure(folder, at_length, alter=alter, closed=state == 'closed', short=short, long=long):
-            return damaged(folder, long if at_length else short, alter, closed=closed)
-
-        TRIALS.append(Trial(f'{each}-{state}', f'{state} bag, {fault}', measure))

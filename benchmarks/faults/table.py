@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks.markdown import head, line
+
 
 class Figure(NamedTuple):
     """One figure of a trial; one of ``time`` is for a quiet machine, and no test depends on it."""
@@ -34,12 +36,12 @@ class Trial(NamedTuple):
         return [Figure(*fields) for fields in self.measure(folder, long)]
 
 
-HEADER = '| fault | wanted | measured | |\n|---|---|---|---|'
+HEADER = head('fault', 'wanted', 'measured', '')
 
 
 def row(fault, figure):
     """A row of the table."""
-    return f'| {fault} | {figure.wanted} | {figure.measured} | {"met" if figure.met else "**missed**"} |'
+    return line(fault, figure.wanted, figure.measured, 'met' if figure.met else '**missed**')
 
 
 @contextmanager

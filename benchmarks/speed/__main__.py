@@ -13,10 +13,10 @@ import os
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
 os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
 
-from benchmarks.speed import bags, commands, measure, optimisers
+from benchmarks.speed import bags, measure, optimisers
 from pendubot_identification import kernel
 
-PARTS = {'optimisers': optimisers.full_budget, 'hour': bags.hour, 'commands': commands.latency}
+PARTS = {'optimisers': optimisers.full_budget, 'hour': bags.hour}
 
 
 def main():

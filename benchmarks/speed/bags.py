@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.markdown import head, line
 from benchmarks.speed import measure
 from benchmarks.speed.measure import REPETITIONS, seconds
 from pendubot_identification.recordings.bag_writer import BagWriter
@@ -87,7 +88,7 @@ def measured(program, *arguments):
 
 
 def hour():
-    rows = ['| what | time | memory | rosbags, the same | ratio |', '|---|---|---|---|---|']
+    rows = [head('what', 'time', 'memory', 'rosbags, the same', 'ratio')]
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, 'hour')
         write(bag, SECONDS * RATE)
@@ -95,6 +96,6 @@ def hour():
         for what, window in (('10 s from the middle', (SECONDS / 2, SECONDS / 2 + 10)), ('all of it', ())):
             spent, memory, read = measured(OURS, bag, *window)
             same = theirs / count * read
-            what = f'{what}, {read} messages'
-            rows.append(f'| {what} | {seconds(spent)} | {memory:.0f} MB | {seconds(same)} | {same / spent:.3g} |')
+            figures = seconds(spent), f'{memory:.0f} MB', seconds(same), f'{same / spent:.3g}'
+            rows.append(line(f'{what}, {read} messages', *figures))
     return '\n'.join(rows)

@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.markdown import head, line
 from pendubot_identification.control.controller import UPRIGHT, Controller
 from pendubot_identification.control.linear_control import Design, Loop, margins
 from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
@@ -142,14 +143,13 @@ def compare(options):
     sources = {'truth': (Known(BALANCE, LAG), '')}
     if set(options.sources) - {'truth'}:
         sources |= identified()
-    print('\n| parameters | level | largest error | delay found |\n|---|---|---|---|')
+    print('\n' + head('parameters', 'level', 'largest error', 'delay found'))
     for source in options.sources:
         known, level = sources[source]
         error = np.abs(known.parameters.vector() / BALANCE.vector() - 1)[:5].max()
-        print(f'| {source} | {level} | {100 * error:.1f} % of P1 to P5 | {1e3 * known.lag:.2f} ms |')
-    how = 'live' if options.live else 'simulated'
-    print(f'\n| {how}: parameters | rate | start | held | after | RMS angle | RMS torque | peak torque |')
-    print('|---|---|---|---|---|---|---|---|')
+        print(line(source, level, f'{100 * error:.1f} % of P1 to P5', f'{1e3 * known.lag:.2f} ms'))
+    how, figures = 'live' if options.live else 'simulated', ('after', 'RMS angle', 'RMS torque', 'peak torque')
+    print('\n' + head(f'{how}: parameters', 'rate', 'start', 'held', *figures))
     for source in options.sources:
         known, _ = sources[source]
         for rate in options.rates:
@@ -160,23 +160,21 @@ def compare(options):
                     else:
                         trials = [simulated(known, rate, start, seed) for seed in range(options.seeds)]
                 except ControlError as error:
-                    print(f'| {source} | {rate} Hz | {start} | {error} | | | | |', flush=True)
+                    print(line(source, f'{rate} Hz', start, error, '', '', '', ''), flush=True)
                     continue
                 good = [x for x in trials if math.isfinite(x.held)]
-                figures = '| | | |'
-                if good:
-                    held, angle, torque, _ = np.median(good, axis=0)
-                    figures = f'| {held:.1f} s | {1e3 * angle:.1f} mrad | {torque:.3f} N m |'
+                held, angle, torque, _ = np.median(good or [[math.nan] * 4], axis=0)
                 peak = max(x.peak for x in trials)
-                print(f'| {source} | {rate} Hz | {start} | {len(good)} of {len(trials)} {figures} {peak:.3f} N m |')
+                cells = f'{held:.1f} s', f'{1e3 * angle:.1f} mrad', f'{torque:.3f} N m', f'{peak:.3f} N m'
+                print(line(source, f'{rate} Hz', start, f'{len(good)} of {len(trials)}', *cells))
 
 
 def print_margins(rates):
-    print('\n| rate | gain | phase | delay |\n|---|---|---|---|')
+    print('\n' + head('rate', 'gain', 'phase', 'delay'))
     for rate in rates:
         m = margins(Design.make(BALANCE, Loop(1 / rate, LAG, LIMIT)))
-        degrees, delay = math.degrees(m.phase), 1e3 * m.delay
-        print(f'| {rate} Hz | {m.gain_down:.2f} to {m.gain_up:.2f} | {degrees:.0f} degrees | {delay:.1f} ms |')
+        gain, phase = f'{m.gain_down:.2f} to {m.gain_up:.2f}', f'{math.degrees(m.phase):.0f} degrees'
+        print(line(f'{rate} Hz', gain, phase, f'{1e3 * m.delay:.1f} ms'))
 
 
 def main():

@@ -13,6 +13,7 @@ import time
 import numpy as np
 import scipy
 
+from benchmarks.markdown import head, line
 from pendubot_identification import kernel
 
 REPETITIONS = 5
@@ -75,9 +76,8 @@ def seconds(value):
 
 def table(spent, ours):
     """Return the rows of a table: a work, its time, and that time over each of ours."""
-    head = f'| | time | {" | ".join(f"over {name}" for name in ours)} |'
-    rows = [head, '|' + '---|' * (2 + len(ours))]
+    rows = [head('', 'time', *(f'over {name}' for name in ours))]
     for name, value in spent.items():
-        ratios = ['' if name in ours else f'{value / spent[other]:.3g}' for other in ours]
-        rows.append(f'| {name} | {seconds(value)} | {" | ".join(ratios)} |')
+        ratios = ('' if name in ours else f'{value / spent[other]:.3g}' for other in ours)
+        rows.append(line(name, seconds(value), *ratios))
     return '\n'.join(rows)

@@ -23,6 +23,7 @@ from mujoco import sysid
 from scipy.signal import savgol_filter
 
 import pendubot_identification as pendubot
+from benchmarks.markdown import head, line
 from benchmarks.speed import measure
 from pendubot_identification.criteria.prediction_error import STEP as OURS
 from pendubot_identification.criteria.prediction_error import Simulations
@@ -53,38 +54,31 @@ def fit(recordings, guess):
     spec.option.timestep = STEP
     model = spec.compile()
 
-    def centre(name):
-        return lambda spec, p: setattr(spec.body(name), 'ipos', [p.value[0], 0, 0])
-
-    def inertia(name):
-        return lambda spec, p: setattr(spec.body(name), 'inertia', 3 * [p.value[0]])
-
-    def of_joint(name, attribute):
+    def setting(kind, name, attribute):
         def set_to(spec, p):
-            before = getattr(spec.joint(name), attribute)
-            value = p.value[0]
-            setattr(spec.joint(name), attribute, value if np.ndim(before) == 0 else [value, *before[1:]])
+            part, value = getattr(spec, kind)(name), p.value[0]
+            before = getattr(part, attribute)
+            several = 3 * [value] if attribute == 'inertia' else [value, *np.ravel(before)[1:]]
+            setattr(part, attribute, several if np.ndim(before) else value)
 
         return set_to
 
     first, second = spec.body('link_1'), spec.body('link_2')
     params = sysid.ParameterDict()
-    for name, value, modifier in (
-        ('l1', second.pos[0], lambda spec, p: setattr(spec.body('link_2'), 'pos', [p.value[0], 0, 0])),
-        ('d1', first.ipos[0], centre('link_1')),
-        ('I1', first.inertia[0], inertia('link_1')),
-        ('d2', second.ipos[0], centre('link_2')),
-        ('I2', second.inertia[0], inertia('link_2')),
+    for kind, name, attribute, start, most in (
+        ('body', 'link_2', 'pos', second.pos[0], None),
+        ('body', 'link_1', 'ipos', first.ipos[0], None),
+        ('body', 'link_1', 'inertia', first.inertia[0], None),
+        ('body', 'link_2', 'ipos', second.ipos[0], None),
+        ('body', 'link_2', 'inertia', second.inertia[0], None),
+        ('joint', 'shoulder', 'damping', 0.01, 0.5),
+        ('joint', 'elbow', 'damping', 0.01, 0.5),
+        ('joint', 'shoulder', 'frictionloss', 0.01, 1.0),
+        ('joint', 'elbow', 'frictionloss', 0.01, 1.0),
+        ('joint', 'elbow', 'armature', 1e-3, 0.05),
     ):
-        params.add(sysid.Parameter(name, 1.2 * value, 0.05 * value, 5 * value, modifier=modifier))
-    for joint, attribute, start, most in (
-        ('shoulder', 'damping', 0.01, 0.5),
-        ('elbow', 'damping', 0.01, 0.5),
-        ('shoulder', 'frictionloss', 0.01, 1.0),
-        ('elbow', 'frictionloss', 0.01, 1.0),
-        ('elbow', 'armature', 1e-3, 0.05),
-    ):
-        params.add(sysid.Parameter(f'{joint} {attribute}', start, 0.0, most, modifier=of_joint(joint, attribute)))
+        reach = (start, 0.0, most) if most else (1.2 * start, 0.05 * start, 5 * start)
+        params.add(sysid.Parameter(f'{name} {attribute}', *reach, modifier=setting(kind, name, attribute)))
 
     states, controls, sensors = [], [], []
     kinds = sysid.SignalType.MjStateQPos, sysid.SignalType.MjStateQVel
@@ -194,10 +188,8 @@ def rows(rig, train, test, guess):
         first, second = way(train[:half]), way(train[half:])
         width = np.median(1.96 * error[:5] / np.abs(value[:5]))
         errors = ' / '.join(f'{e:.3f}' for e in predicted)
-        yield (
-            f'| {rig} | {name} | {model} | {errors} | {cpu:.0f} s | {wall:.0f} s | {100 * width:.2g} % '
-            f'| {agree(first, second)} |'
-        )
+        times = f'{cpu:.0f} s', f'{wall:.0f} s'
+        yield line(rig, name, model, errors, *times, f'{100 * width:.2g} %', agree(first, second))
         print('    ', name, dict(zip(TEN, np.round(value, 5).tolist(), strict=True)), flush=True)
 
 
@@ -218,13 +210,12 @@ def main():
     args = parser.parse_args()
     logging.getLogger('absl').setLevel(logging.ERROR)
     print(f'{measure.machine()}, mujoco {mujoco.__version__}')
-    head = ('recordings', 'by', 'model', f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:ASSESSED])} s')
-    head += ('processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in')
-    table = [f'| {" | ".join(head)} |', '|' + '---|' * len(head)]
+    errors = f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:ASSESSED])} s'
+    rest = 'processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in'
+    table = [head('recordings', 'by', 'model', errors, *rest)]
     for name, rig in rigs(args.test).items():
         table += rows(name, *rig)
-        print('\n'.join(table[2:]), flush=True)
-    print('\n' + '\n'.join(table))
+    print('\n'.join(table))
 
 
 if __name__ == '__main__':

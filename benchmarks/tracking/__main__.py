@@ -11,15 +11,13 @@ import argparse
 
 import numpy as np
 
-from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import estimate_delay, residual_weights, weak_regression
+from benchmarks.markdown import head, line
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.tracking.events import Change, Disturbance, State
 from pendubot_identification.tracking.settings import TrackerSettings
 from pendubot_identification.tracking.tracker import Tracker
-from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record, truth
 
@@ -49,12 +47,8 @@ def batch(t, q, tau, until):
     """Return the weak criterion's fit of the first seconds, with its defaults."""
     now = t < until
     motion = Trajectory(t[now], q[now], np.column_stack([tau[now], 0 * tau[now]]))
-    bounds = default_bounds().of(9)
-    made = Motion.prepare(motion, choose_smoothing([motion]))
-    delay = estimate_delay([made], 'coulomb', bounds, 0.0, 0.05)
-    weights = residual_weights([weak_regression(made, 'coulomb', delay)], bounds)
-    regression = weak_regression(made, 'coulomb', delay, weights=weights)
-    return Quadratic.reduce(regression.phi, regression.y).minimum(bounds)
+    settings = Settings(('weak',), 'coulomb', 'lsq', hold='zero', delays=(0.0, 0.05), compensate=False)
+    return identify([motion], (), settings).best.theta
 
 
 def track(t, q, tau):
@@ -107,13 +101,13 @@ def beside(name, t, q, tau, tracks, day):
     first = np.array([batch(t, q[k], tau[k], 10.0) for k in range(count)])
     times, theta, deviation = kalman(t, q, tau, first, walk=WALK)
     filtered = np.repeat(times, count), *(each.reshape(-1, 9) for each in (theta, deviation))
-    print(f'\n| {name} | P1 to P5 [%] | friction [%] | inside | |\n|---|---|---|---|---|')
+    print('\n' + head(name, 'P1 to P5 [%]', 'friction [%]', 'inside', ''))
     for who, row in {
         'tracker': of_tracks(tracks, day, 60),
         'fit of the first 60 s': [*scores(np.tile(seconds, count), minute, None, day, 60), '', ''],
         'EKF': scores(*filtered, day, 60),
     }.items():
-        print(f'| {who} | ' + ' | '.join(row) + ' |', flush=True)
+        print(line(who, *row), flush=True)
 
 
 def changed(name, tracks, day):
@@ -131,12 +125,12 @@ def changed(name, tracks, day):
     late = f'{np.median(after):.2f}, {max(after):.2f}' if after else ''
     cells = [f'{len(after)} of {len(tracks)}', late, right, ', '.join(sorted(set(kinds))), false, disturbances]
     cells += of_tracks(tracks, day, at + (0 if day.fade else 10)) if np.isfinite(at) else [''] * 4
-    print(f'| {name} | ' + ' | '.join(map(str, cells)) + ' |', flush=True)
+    print(line(name, *cells), flush=True)
 
 
 def others(seeds):
     """Print how well clean rigs that are sampled and driven otherwise are followed for 100 s: errors at the end."""
-    print('| rate [Hz] | counts | torque [N m] | P1 to P5 [%] | friction [%] | inside | | OK [%] |\n|' + '---|' * 8)
+    print(head('rate [Hz]', 'counts', 'torque [N m]', 'P1 to P5 [%]', 'friction [%]', 'inside', '', 'OK [%]'))
     for rate, counts, strength in RIGS:
         day = Day(strength=strength)
         t, q, tau = record(seeds, [day] * len(seeds), seconds=100.0, rate=float(rate), counts=counts)
@@ -144,7 +138,7 @@ def others(seeds):
         fine = np.mean([s.level is Level.OK for states, _ in tracks for s in states if s.t > 20])
         last = [(states[-1:], events) for states, events in tracks]
         cells = [*of_tracks(last, day, 20)[:2], *of_tracks(tracks, day, 20)[2:], f'{100 * fine:.0f}']
-        print(f'| {rate} | {counts} | {strength} | ' + ' | '.join(cells) + ' |', flush=True)
+        print(line(rate, counts, strength, *cells), flush=True)
 
 
 def pushes(rng):
@@ -181,8 +175,8 @@ def main():
     constant(*runs['constant'])
     beside('drift', *runs['drift'], Day(drift=0.5))
     beside('hand', *runs['hand'], Day())
-    print('\n| | found | after [s]: median, most | times right | named | false | disturbances | P1 to P5 [%] ', end='')
-    print('| friction [%] | inside | |\n|' + '---|' * 11)
+    reported = 'found', 'after [s]: median, most', 'times right', 'named', 'false', 'disturbances'
+    print('\n' + head('', *reported, 'P1 to P5 [%]', 'friction [%]', 'inside', ''))
     for name, days in cases.items():
         changed(name, runs[name][3], days[0])
 

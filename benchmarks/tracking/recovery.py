@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from benchmarks.markdown import head, line
 from pendubot_identification.control.controller import Controller, SafetyLimits
 from pendubot_identification.control.linear_control import Design, Loop, margins
 from pendubot_identification.control.plan import HELD, deviation
@@ -80,9 +81,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
     parser.add_argument('--seeds', type=int, default=10)
     seeds = range(parser.parse_args().seeds)
-    print(
-        '| payload | parameters | detected | held again | after [s] | phase margin [deg] |\n|---|---|---|---|---|---|'
-    )
+    print(head('payload', 'parameters', 'detected', 'held again', 'after [s]', 'phase margin [deg]'))
     for payload in (0.06, 0.12):
         for tracked in (False, True):
             detected, again, phase = 0, [], []
@@ -94,10 +93,10 @@ def main():
                 last = t[np.flatnonzero(off > HELD)[-1]]
                 if t[-1] > END - 1 and last < END - 5:
                     again.append(last - AGAIN)
+            found = (f'{each} of {len(seeds)}' for each in (detected, len(again)))
+            after = f'{np.median(again or [math.nan]):.1f}'
             print(
-                f'| {payload:g} kg | {"tracked" if tracked else "old"} | {detected} of {len(seeds)} '
-                f'| {len(again)} of {len(seeds)} | {np.median(again or [math.nan]):.1f} | {min(phase):.1f} |',
-                flush=True,
+                line(f'{payload:g} kg', 'tracked' if tracked else 'old', *found, after, f'{min(phase):.1f}'), flush=True
             )
 
 

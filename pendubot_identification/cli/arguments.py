@@ -360,8 +360,8 @@ def _info(parser: Any) -> None:
       lost       messages that the recorder numbered and that are missing
     Intervals are those of header.stamp, or of the log time if a type has none or it was never set.
 
-    Of a file with columns (see pendubot import --help): the columns as they are read, their ranges, first and last
-    values, and probable mistakes in the units.
+    Of a file with columns (see pendubot import --help): the columns as they are read, their ranges, and first and last
+    values.
     """
     _path(parser, 'bag', 'BAG', 'a bag folder or a .mcap file, closed or not, or a file with columns')
     _reading(parser)

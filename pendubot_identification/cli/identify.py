@@ -5,6 +5,7 @@
 
 import argparse
 import json
+import shlex
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -160,7 +161,7 @@ def _with_windows(error: LongRecordingError, conversion: Conversion, progress: P
         )
     return TrajectoryError(
         f'{error.found}; take windows of it, such as these of most motion between two changes: pendubot identify '
-        f'{" ".join(track.windows)}'
+        f'{shlex.join(track.windows)}'
     )
 
 

@@ -51,8 +51,10 @@ def run_report(args: argparse.Namespace) -> int:
 
 def run_compare(args: argparse.Namespace) -> int:
     """Print results side by side, and their predictions of a motion."""
-    if len(set(args.results)) < max(2, len(args.results)):
-        raise UsageError(f'{args.results[0]} is one result alone, or twice the same; name two or more that differ')
+    again = [path for path in args.results if args.results.count(path) > 1]
+    if again or len(args.results) < 2:
+        problem = f'{again[0]} is named twice' if again else f'{args.results[0]} is one result alone'
+        raise UsageError(f'{problem}; name two or more that differ')
     with wrong_usage():
         conversion = conversion_of(args)
         windows = [] if args.on is None else windows_of([args.on], conversion)

@@ -149,7 +149,6 @@ def design(
     *,
     uncertainty: Array | None = None,
     generations: int = SETTINGS.generations,
-    seed: int = 1,
     progress: Callable[[int, float], None] | None = None,
 ) -> Predicted:
     """Return the pulse train of the greatest information, as far as MDE finds it.
@@ -160,7 +159,6 @@ def design(
         experiment: how it is recorded.
         uncertainty: standard errors of the parameters, shape (D,); None: 3 % of each.
         generations: of MDE.
-        seed: of its random numbers.
         progress: called with the generations done and the best log_information so far.
 
     Raises:
@@ -182,7 +180,7 @@ def design(
 
     box = Bounds(np.zeros(len(COORDINATES)), np.ones(len(COORDINATES)), COORDINATES)
     settings = MDESettings(SETTINGS.population, generations, per_component=False)
-    mde(costs, box, settings, runs=1, seed=seed, progress=report)
+    mde(costs, box, settings, runs=1, progress=report)
     if not found:
         raise ExcitationError(
             f'no pulses up to {limits.torque:g} N m were found that identify all parameters, stay below '

@@ -49,7 +49,7 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
     values: dict[str, Any] = {'duration': 18.0} | {k: v for parameters in own for k, v in parameters.items()}
     pulses: dict[str, Any] = asdict(PulseTrain())
     try:
-        numbers = {name: type(default)(float(values.get(name, default))) for name, default in pulses.items()}
-        return PulseTrain(**numbers), float(values['duration'])
-    except (TypeError, ValueError) as error:
+        numbers = {name: type(default)(str(values.get(name, default))) for name, default in pulses.items()}
+        return PulseTrain(**numbers), float(str(values['duration']))
+    except ValueError as error:
         raise ParameterError(f'{path}: {error}; numbers are expected; {expected}') from error

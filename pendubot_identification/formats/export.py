@@ -41,19 +41,20 @@ def export(
         ParameterError: no real masses give these parameters, or the limit is no number above 0.
     """
     require_limit(torque_limit)
-    parameters = _vector(result)
+    entries, said = _entries(result), _beside(result)
     if format in ROBOTS:
         rig = rig_of(result.theta, link_length)
-        said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *_beside(result)]
-        named = [f'{name} = {entry.value!r} {_described(name, entry)}' for name, entry in parameters.items()]
-        comments = [*provenance(result), *named, *said]
+        said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *said]
+        comments = [*provenance(result), *(f'{e.name} = {e.value!r} {e.meaning}' for e in entries), *said]
         if format == 'mjcf':
             return mjcf(rig, comments, torque_limit), said
         return urdf(rig, comments, torque_limit, revolute=revolute), said
     if format == 'yaml':
-        return _yaml(parameters, provenance(result)), []
-    entries = [Entry(name, e.value, e.std_error, _described(name, e)) for name, e in parameters.items()]
-    return LANGUAGES[format](entries, [*provenance(result), *_beside(result)]), _beside(result)
+        # For --params-file of any node.
+        comments = [*provenance(result), *(f'{e.name}: {e.meaning}' for e in entries)]
+        content = {'/**': {'ros__parameters': {e.name: e.value for e in entries}}}
+        return ''.join(f'# {line}\n' for line in comments) + yaml.safe_dump(content, sort_keys=False), []
+    return LANGUAGES[format](entries, [*provenance(result), *said]), said
 
 
 def format_of(path: Path) -> str:
@@ -95,21 +96,13 @@ def _beside(result: PartialResult) -> list[str]:
     return said
 
 
-def _yaml(parameters: dict[str, Parameter], comments: list[str]) -> str:
-    """Return parameters for ``--params-file`` of any node: P1, P2, ... under ``/**``."""
-    described = (f'{name}: {_described(name, entry)}' for name, entry in parameters.items())
-    values = {name: entry.value for name, entry in parameters.items()}
-    content = yaml.safe_dump({'/**': {'ros__parameters': values}}, sort_keys=False)
-    return ''.join(f'# {line}\n' for line in (*comments, *described)) + content
-
-
-def _vector(result: PartialResult) -> dict[str, Parameter]:
-    """Return the entries in the order of theta; 0 for those that a hand left out, as far as the model goes."""
+def _entries(result: PartialResult) -> list[Entry]:
+    """Return the parameters in the order of theta; 0 for those that a hand left out, as far as the model goes."""
     last = max(NAMES.index(name) for name in result.parameters)
     size = min(size for size in MODELS.values() if size > last)
-    return {name: result.parameters.get(name, Parameter(value=0.0)) for name in NAMES[:size]}
-
-
-def _described(name: str, entry: Parameter) -> str:
-    """Return unit, meaning, and how certain."""
-    return '; '.join(MEANINGS[name]) + ('' if entry.std_error is None else f'; standard error {entry.std_error:.2g}')
+    entries = []
+    for name in NAMES[:size]:
+        entry = result.parameters.get(name, Parameter(value=0.0))
+        about = [*MEANINGS[name], *([] if entry.std_error is None else [f'standard error {entry.std_error:.2g}'])]
+        entries.append(Entry(name, entry.value, entry.std_error, '; '.join(about)))
+    return entries

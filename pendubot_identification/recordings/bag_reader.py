@@ -190,12 +190,17 @@ def joint_samples(
     topic = conversion.topic
     there = {name: kind for name, (kind, count) in reader.topics.items() if count}
     if there.get(topic) != JOINT_STATE:
-        named = ', '.join(f'{name} [{kind}]' for name, kind in there.items())
-        what = f'name one of its topics: {named}' if named else 'it is empty: record again while something is published'
-        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; {what}')
+        states = [name for name, kind in there.items() if kind == JOINT_STATE]
+        what = f'its topics are {", ".join(there)}: record the joint states, too'
+        if states:
+            what = f'add --topic {states[0]}{"".join(f", or {name}" for name in states[1:])}'
+        elif not there:
+            what = 'it is empty: record again while something is published'
+        remedy = {'topic': states[0]} if len(states) == 1 else {}
+        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; {what}', **remedy)
     low, high = (round(min(bound * 1e9, FOREVER_NS)) for bound in (window.start or 0.0, window.end or math.inf))
     first = next(iter(next(reader.messages([topic]))))
-    first_ns = stamp_of(decode_joint_state(first.data))
+    first_ns = stamp_of(decode_joint_state(first.data, f'{reader.path}: {topic}, sample 0'))
     decode = JointDecoder(conversion.joints, f'{reader.path}: {topic}', conversion.effort_names)
     from_ns, until_ns = first.log_time + low - margin_ns, first.log_time + high + margin_ns
     earliest, latest = FOREVER_NS, -FOREVER_NS

@@ -13,10 +13,9 @@ from pendubot_identification.identification.fitting import SETTINGS as FITTING
 from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.signals import resample
-from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Trajectory
+from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Source, Trajectory
 
 from .bag_reader import BagWindow, RecordedTrajectory, open_recording, read_trajectory
-from .source import Source
 from .tables import is_table
 
 

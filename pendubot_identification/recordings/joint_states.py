@@ -43,12 +43,12 @@ def encode_joint_state(
     return bytes(typestore().serialize_cdr(message, JOINT_STATE, little_endian=True))
 
 
-def decode_joint_state(data: bytes) -> Any:
-    """Return a JointState in CDR as rosbags' message. Raises BagError: the bytes are no JointState."""
+def decode_joint_state(data: bytes, where: str = 'a message') -> Any:
+    """Return a JointState in CDR as rosbags' message. Raises BagError: the bytes, from ``where``, are no JointState."""
     try:
         return typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:
-        raise BagError(f'a message is no {JOINT_STATE} ({error}); record it again') from error
+        raise BagError(f'{where} is no {JOINT_STATE} ({error}); record it again') from error
 
 
 def stamp_of(message: Any) -> int:
@@ -88,8 +88,9 @@ class JointDecoder:
             if remaining.size:
                 k, remaining = remaining[0], remaining[1:]
                 (message,) = messages.part(slice(k, k + 1))
-                state = decode_joint_state(message.data)
-                joints, efforts = self._indices(state, f'{self._source}, sample {self._count + k}')
+                where = f'{self._source}, sample {self._count + k}'
+                state = decode_joint_state(message.data, where)
+                joints, efforts = self._indices(state, where)
                 stamps[k], values[k, :2] = stamp_of(state), (state.position[joints], state.effort[efforts])
                 if len(state.velocity) == len(state.name):
                     values[k, 2] = state.velocity[joints]
@@ -101,7 +102,10 @@ class JointDecoder:
         """Return the indices of both joints and of their efforts, which may be separate entries."""
         n, there = len(state.name), ', '.join(state.name) or 'none'
         if missing := [name for name in self._joint_names if name not in state.name]:
-            raise BagError(f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these')
+            raise BagError(
+                f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these with --joints '
+                'SHOULDER,ELBOW'
+            )
         if missing := [name for name in self._effort_names if name not in state.name]:
             raise BagError(
                 f'{where} has no measured current: its joints are {there}, and {missing[0]} is expected beside them; '

@@ -5,7 +5,6 @@
 
 import math
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,15 +28,11 @@ UNITS = {'q1': 'rad', 'q2': 'rad', 'dq1': 'rad/s', 'dq2': 'rad/s', 'tau1': 'N m'
 
 @dataclass(frozen=True, slots=True)
 class SurveySettings:
-    """Thresholds for gaps, and for probable mistakes in the units of a file."""
+    """Thresholds for gaps and clocks."""
 
     gap: float = 1.5  #: A gap is longer than this many median intervals.
     minimum_intervals: int = 10  #: Fewest intervals for a median.
     same_clock: float = 86400.0  #: Largest difference of stamps and log times of the same clock [s].
-    fast: float = 30.0  #: A median speed above this is not in rad/s.
-    strong: float = 30.0  #: A torque above this is not in N m.
-    little: float = 0.05  #: Negligible angle [rad] and fraction of the largest torque.
-    resting: int = 3  #: Number of samples at rest.
 
 
 SETTINGS = SurveySettings()
@@ -151,26 +146,7 @@ def survey_table(reader: TableReader) -> dict[str, Any]:
             for name, x in columns.items()
             if name in reader.taken
         },
-        'guesses': list(guesses(motion)),
     }
-
-
-def guesses(motion: Trajectory) -> Iterator[str]:
-    """Yield probable mistakes, each with the option that corrects it."""
-    if len(motion) < 2:
-        return
-    speed = np.abs(np.diff(motion.q, axis=0)).max(axis=1) / np.diff(motion.t)
-    if np.median(speed) > SETTINGS.fast:
-        yield 'angles that change so fast look like degrees: --degrees?'
-    torque = np.abs(motion.tau[:, 0])
-    if torque.max() > SETTINGS.strong:
-        yield 'torques so large look like mN m: --torque-unit mNm?'
-    if not torque.any():
-        yield 'the torque is zero throughout: is it another column? --columns tau1=NAME'
-    rotation = np.ptp(motion.q[: SETTINGS.resting], axis=0).max()
-    unloaded = torque[0] <= SETTINGS.little * torque.max()
-    if unloaded and max(rotation, abs(motion.q[0, 0])) < SETTINGS.little:
-        yield 'at rest without torque link 1 hangs, and q1 is 0 there: --zero hanging?'
 
 
 def as_text(found: dict[str, Any]) -> str:
@@ -189,7 +165,7 @@ def as_text(found: dict[str, Any]) -> str:
     lines.append(f'{"":12}{"least":>12}{"greatest":>12}{"first":>12}{"last":>12}')
     for name, values in found['quantities'].items():
         lines.append(f'{f"{name} [{UNITS[name]}]":12}' + ''.join(f'{value:12.4g}' for value in values.values()))
-    return '\n'.join([*lines, *(f'looks odd {guess}' for guess in found['guesses'])])
+    return '\n'.join(lines)
 
 
 @dataclass
@@ -202,7 +178,6 @@ class Inspection:
     joints: list[str] = field(default_factory=list)  #: the names of the joints on the topic.
     options: dict[str, str] = field(default_factory=dict)  #: by which it is read, as texts by name.
     taken_as: str = ''  #: the options that the file's own names and units stand for, as on the command line.
-    survey: dict[str, Any] | None = None  #: of a file, as ``pendubot info --json`` prints it.
     motion: Trajectory | None = None  #: the samples, converted; None if they cannot be read.
     problem: PendubotError | None = None  #: why they cannot be read; its ``remedy`` has options that correct that.
 
@@ -226,5 +201,4 @@ def inspect_recording(window: BagWindow, conversion: Conversion) -> Inspection:
             found.columns = list(reader.table.names)
             found.taken_as, found.options = reader.taken_as, reader.conversion.words()
             found.taken = {q: column for q, column in reader.conversion.names.items() if column in found.columns}
-            found.survey = survey_table(reader)
     return found

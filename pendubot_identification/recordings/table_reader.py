@@ -21,7 +21,7 @@ from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED,
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .columns import is_current, option_of, quantity_of, split
+from .columns import is_current, is_unit, option_of, quantity_of, split
 from .tables import Table, read_table
 
 
@@ -62,7 +62,10 @@ class TableReader:
     @cached_property
     def table(self) -> Table:
         """The columns of the file, or those that were given."""
-        return self._table or read_table(self.path, self.given)
+        table = self._table or read_table(self.path, self.given)
+        if not table.names:
+            raise TableError(f'{self.path} holds no columns of numbers; export it again')
+        return table
 
     @cached_property
     def conversion(self) -> Conversion:
@@ -113,11 +116,19 @@ class TableReader:
             raise TableError(f'{self.path} has {names.count(column)} columns {column!r}; rename all but one of them')
         if missing := [name for name in (*REQUIRED, *conversion.columns) if name not in taken]:
             raise self._missing(missing)
-        if is_current(taken['tau1'], self.unit(taken['tau1'])) and not conversion.torque_constant:
+        torque, unit = taken['tau1'], self.unit(taken['tau1'])
+        if conversion.torque_constant:
+            return taken
+        if is_current(torque, unit):
             raise TableError(
-                f'{self.path}: the column {taken["tau1"]!r} seems to hold a motor current, and a torque is expected: '
+                f'{self.path}: the column {torque!r} seems to hold a motor current, and a torque is expected: '
                 "give the motor's constant with --torque-constant K [N m/A], and --gear N where a gear follows, or "
-                f'--torque-constant {1 / self._amperes(taken["tau1"]):g} if it is a torque'
+                f'--torque-constant {1 / self._amperes(torque):g} if it is a torque'
+            )
+        if unit and not is_unit(unit):
+            raise TableError(
+                f'{self.path}: the unit {unit!r} of the column {torque!r} is not known, and N m are expected: give its '
+                'size with --torque-constant K [N m], 1 if it is no unit, or convert the column'
             )
         return taken
 
@@ -222,6 +233,8 @@ def _numbers(cells: Any, *, comma: bool) -> Array:
     cells = cells.infer_objects()
     if cells.dtype.kind in 'mM':
         return np.asarray((cells - cells.iloc[0]).dt.total_seconds(), dtype=float)
+    if cells.dtype.kind == 'O':
+        return _numbers(tuple(map(str, cells)), comma=comma)
     return np.asarray(pandas.to_numeric(cells, errors='coerce'), dtype=float)
 
 

@@ -43,7 +43,7 @@ def read_table(path: Path, conversion: Conversion) -> Table:
     read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):
-            table = read(path, conversion)
+            return read(path, conversion)
     except FileNotFoundError as error:
         raise MissingFileError(f'there is no file {path}; check its name and folder') from error
     except OSError as error:
@@ -55,9 +55,6 @@ def read_table(path: Path, conversion: Conversion) -> Table:
         raise
     except Exception as error:  # the libraries raise many types for damaged files
         raise TableError(f'{path} is no {path.suffix} file that can be read ({error}); export it again') from error
-    if not table.names:
-        raise TableError(f'{path} holds no columns of numbers; export it again')
-    return table
 
 
 def is_table(path: Path) -> bool:
@@ -99,9 +96,9 @@ def _text(path: Path, conversion: Conversion) -> Table:
     delimiter = max(likely, key=title.count)
     reader = csv.reader([title, *lines[above + 1 :]], delimiter=delimiter, skipinitialspace=True)
     names = [name.strip() for name in next(reader)]
-    if all(map(_is_number, names)) and len(names) > 1:
+    if numbered := _numbered(names):
         reader = csv.reader(lines[above:], delimiter=delimiter, skipinitialspace=True)
-        names = [str(k + 1) for k in range(len(names))]
+        names = numbered
     numbers, rows = list[int](), list[list[str]]()
     for row in reader:
         # Some programs end a row with a separator.
@@ -144,6 +141,11 @@ def _refuse_large_zip(path: Path) -> None:
 
 def _is_number(text: str) -> bool:
     return re.fullmatch(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?', text) is not None
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Return 1, 2, ... as names where a row has numbers in their place; else nothing."""
+    return [str(k + 1) for k in range(len(names))] if len(names) > 1 and all(map(_is_number, names)) else []
 
 
 def _lines_above(lines: Sequence[str]) -> int:
@@ -199,6 +201,8 @@ def _excel(path: Path, conversion: Conversion) -> Table:
     if filled.iloc[0] < len(REQUIRED) <= filled.max() and not conversion.skip_rows:
         raise _names_below(path, 'row', int(filled.index[filled >= len(REQUIRED)][0]))
     names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
+    if numbered := _numbered(names):
+        names, rows = numbered, frame
     units = _units(list(rows.iloc[0])) if len(rows) else ()
     rows = rows.iloc[1:] if units else rows
     return Table(names, [rows[k] for k in rows], 'row', list(rows.index + 1 + conversion.skip_rows), units)
@@ -207,7 +211,7 @@ def _excel(path: Path, conversion: Conversion) -> Table:
 def _numpy(path: Path, _: Conversion) -> Table:
     _refuse_large_zip(path)
     with np.load(path) as found:
-        return _of_variables(dict(found))
+        return _of_variables({name: np.squeeze(value) for name, value in found.items()})
 
 
 def _parquet(path: Path, _: Conversion) -> Table:

@@ -29,8 +29,8 @@ from pendubot_identification.identification.prediction import HORIZONS, LOST, pr
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.results.assemble import predicted
-from pendubot_identification.results.provenance import Answer, answers, hold, settings
-from pendubot_identification.results.result import PartialResult, Predicted, Result
+from pendubot_identification.results.provenance import hold, settings
+from pendubot_identification.results.result import PartialResult, Predicted, Result, theta_of
 from pendubot_identification.tracking.events import Change, Event, State
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.motion import Motion
@@ -92,7 +92,7 @@ class Prepared:
         """Prepare the recordings as the identification did."""
         recorded, marks = _one_after_the_other([*training, *validation])
         motions = [Motion.prepare(motion, result.smoothing, hold(result)) for motion in recorded]
-        size, delay = len(training), answers(result)[result.criterion].delay
+        size, delay = len(training), result.effort.delay
         known = {(effect.name, effect.where): effect for effect in catalogue(motions[:size], delay)}
         effects = [
             FoundEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
@@ -104,15 +104,15 @@ class Prepared:
         return cls(result, split, marks, acting[:size], acting[size:], state_scale(motions[:size]))
 
     @property
-    def best(self) -> Answer:
-        """The selected estimate."""
-        return answers(self.result)[self.result.criterion]
+    def theta(self) -> Array:
+        """The selected parameters, as many as the model has."""
+        return self.result.theta.vector(self.result.model)
 
     def compared(self, beside: tuple[PartialResult, str]) -> dict[str, Predicted]:
         """Return how well another result, and this one, predict the validation data or, without any, all data."""
-        best, (other, name) = self.best, beside
-        motions, vectors = self.validating or self.estimating, {name: other.theta.vector(), 'identified': best.theta}
-        return {title: predicted(predict(motions, theta, best.delay, self.scale)) for title, theta in vectors.items()}
+        motions, delay = self.validating or self.estimating, self.result.effort.delay
+        vectors = {beside[1]: beside[0].theta.vector(), 'identified': self.theta}
+        return {title: predicted(predict(motions, theta, delay, self.scale)) for title, theta in vectors.items()}
 
     def pictures(self) -> Iterator[tuple[str, Callable[[], list[Picture]]]]:
         """Yield the subject of each picture of the recordings, and the function that draws it."""
@@ -144,10 +144,10 @@ class Prepared:
         Raises:
             TrajectoryError: the recordings are too short to be simulated.
         """
-        motions = self.validating or self.estimating
-        motion, t, pieces, substeps, complete = _worst_part(motions, self.best, self.scale)
+        motions, delay = self.validating or self.estimating, self.result.effort.delay
+        motion, t, pieces, substeps, complete = _worst_part(motions, self.theta, delay, self.scale)
         measured, steps = motion.states(t), len(pieces) - 1
-        tau = motion.torques(t[:1] - self.best.delay, STEP, len(t) - 1)[:, :, 0]
+        tau = motion.torques(t[:1] - delay, STEP, len(t) - 1)[:, :, 0]
         # The states of each simulation but for its last one, which the start of the next replaces.
         states = np.column_stack([np.moveaxis(pieces[:-1], 0, 2).reshape(4, -1), pieces[-1, :, -1]])
         starts = np.append(np.arange(len(t) - 1) % steps == 0, False)
@@ -185,12 +185,12 @@ class Prepared:
         Raises:
             TrajectoryError: a recording is shorter than a test function.
         """
-        best, motions = self.best, self.estimating
-        made = [weak_regression(m, best.model, best.delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
+        model, delay, motions = self.result.model, self.result.effort.delay, self.estimating
+        made = [weak_regression(m, model, delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
         times = [r.t[::3] for r in made]
-        parts = [(r.y - r.phi @ best.theta).reshape(-1, 3)[:, :2] for r in made]
+        parts = [(r.y - r.phi @ self.theta).reshape(-1, 3)[:, :2] for r in made]
         states = np.concatenate([m.states(t) for m, t in zip(motions, times, strict=True)], axis=1)
-        tau = np.concatenate([m.impulse(t - best.delay, 1) for m, t in zip(motions, times, strict=True)])
+        tau = np.concatenate([m.impulse(t - delay, 1) for m, t in zip(motions, times, strict=True)])
         against = {'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]}
         torque, panels = np.concatenate(parts), []
         figure, axes = _panels(2.6, 2, len(against), sharey='row')
@@ -216,7 +216,7 @@ class Prepared:
         Raises:
             TrajectoryError: the recordings are too short.
         """
-        names, unit, overlap, times, parts = self._residuals(answers(self.result)[criterion])
+        names, unit, overlap, times, parts = self._residuals(criterion)
         lines = [Line(name, [y[:, k] for y in parts], COLOURS[k], 0.7) for k, name in enumerate(names)]
         plot = TimePlot([Panel('', unit, times, lines)], self.marks)
         everything = np.concatenate(parts)
@@ -237,23 +237,24 @@ class Prepared:
         about = {'cumulative': math.isinf(overlap)}
         return [Picture(f'residuals_{criterion}', plot, about), Picture(f'whiteness_{criterion}', figure, about)]
 
-    def _residuals(self, answer: Answer) -> tuple[Sequence[str], str, float, list[Array], list[Array]]:
-        """Return the residuals of an estimate; those of ``likelihood`` are normalized innovations every 0.05 s.
+    def _residuals(self, criterion: str) -> tuple[Sequence[str], str, float, list[Array], list[Array]]:
+        """Return residuals by a criterion's estimate; those of ``likelihood`` are normalized innovations every 0.05 s.
 
         Returns:
             The names of C channels; their unit; the distance in time [s] below which residuals share data, so that any
             model correlates them; the times of each recording, shape (N,); its residuals, shape (N, C).
         """
-        motions, asked = self.estimating, settings(self.result)
-        if answer.criterion == 'likelihood':
-            t, z = standardised_innovations(motions, answer.theta, answer.delay, asked)
+        motions, asked, answer = self.estimating, settings(self.result), self.result.criteria[criterion]
+        theta = theta_of(answer.parameters).vector(self.result.model)
+        if criterion == 'likelihood':
+            t, z = standardised_innovations(motions, theta, answer.effort.delay, asked)
             return ('q1', 'q2'), 'standard deviations', 0.0, t, z
         names: tuple[str, ...] = (*JOINT_NAMES, 'energy')
         unit, overlap = 'N m', WIDTH
-        if answer.criterion == 'energy':
+        if criterion == 'energy':
             names, unit, overlap = ('energy',), 'J', asked.sliding or math.inf
-        made = linear(answer.criterion, motions, answer.model, asked).residuals
-        parts = [(r.y - r.phi @ answer.theta).reshape(-1, len(names)) for r in made]
+        made = linear(criterion, motions, self.result.model, asked).residuals
+        parts = [(r.y - r.phi @ theta).reshape(-1, len(names)) for r in made]
         return names, unit, overlap, [r.t[:: len(names)] for r in made], parts
 
 
@@ -276,7 +277,9 @@ def _one_after_the_other(motions: Sequence[Trajectory]) -> tuple[list[Trajectory
     return moved, [Span(end, end, GREY) for end in ends[:-1]]
 
 
-def _worst_part(motions: Sequence[Motion], answer: Answer, scale: Array) -> tuple[Motion, Array, Array, int, bool]:
+def _worst_part(
+    motions: Sequence[Motion], theta: Array, delay: float, scale: Array
+) -> tuple[Motion, Array, Array, int, bool]:
     """Simulate recordings from measured states on, and return the worst predicted part of one of them.
 
     Returns:
@@ -287,14 +290,14 @@ def _worst_part(motions: Sequence[Motion], answer: Answer, scale: Array) -> tupl
     Raises:
         TrajectoryError: the recordings are too short to be simulated.
     """
-    margin = max(abs(answer.delay), 1e-9)
+    margin = max(abs(delay), 1e-9)
     longest = max(m.end - m.start - m.interval for m in motions) - 2 * margin
     ahead = STEP * int(min(AHEAD, longest) / STEP)
     found = []
     for motion in (m for m in motions if m.end - m.start - 2 * margin >= ahead):
-        simulations = Simulations.of([motion], answer.theta, answer.delay, np.zeros(2), (ahead,), ahead)
+        simulations = Simulations.of([motion], theta, delay, np.zeros(2), (ahead,), ahead)
         with np.errstate(all='ignore'):
-            off, states = simulations.errors(answer.theta)
+            off, states = simulations.errors(theta)
             off = np.nan_to_num(np.abs(off[0] / scale[:, None]), nan=LOST, posinf=LOST)
         errors = (np.minimum(off, LOST) ** 2).mean(axis=0)
         count = min(len(errors), max(1, round(SHOWN / ahead)))

@@ -15,8 +15,8 @@ from pendubot_identification.identification.estimate import Estimate
 from pendubot_identification.identification.identification import Identification
 from pendubot_identification.identification.prediction import HORIZONS, Prediction
 from pendubot_identification.model.parameters import NAMES, UNDER_LOAD, UNITS
-from pendubot_identification.recordings.source import Source
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
+from pendubot_identification.trajectories.trajectory import Source
 
 from . import result as tree
 from .result import known

@@ -73,7 +73,8 @@ def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
     try:
         faults = check(data.training, data.validation, settings)
     except PendubotError as error:
-        check_of = 'excitation' if isinstance(error, ExcitationError) else 'gaps'
+        # Options correct speeds that are beyond all limits, but no gap.
+        check_of = 'excitation' if isinstance(error, ExcitationError) else 'limits' if error.remedy else 'gaps'
         yield Finding(check_of, Level.ERROR, str(error), error.remedy)
         return
     for fault in faults:

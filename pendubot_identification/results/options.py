@@ -12,9 +12,9 @@ from pendubot_identification.errors import ParameterError
 from pendubot_identification.identification.options import APPLY_REMEDIES, OPTIONS, START
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
-from pendubot_identification.setting import Setting, interval
-from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS
-from pendubot_identification.trajectories.conversion import QUANTITIES, Conversion
+from pendubot_identification.setting import interval
+from pendubot_identification.trajectories.conventions import CONVERSION
+from pendubot_identification.trajectories.conversion import Conversion
 
 from .result_file import read_result
 
@@ -68,30 +68,17 @@ def _argument(found: re.Match[str]) -> str:
     """Return an option, and the word after it if that is its value, as an argument."""
     name, after = found[1].replace('-', '_'), found[2] or ''
     option = next((option for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if option.name == name), None)
-    if option is None and name not in RENAMED:
-        return found[0]
     name = RENAMED.get(name, name)
     if option is None:
-        return name + after
+        return name + after if found[1] in RENAMED else found[0]
     if isinstance(option.default, bool):
         return f'{name}=True{after}'
-    written = _as_literal(option, after[1:].strip("'"))
-    return f'{name}={written}' if written else name + after
-
-
-def _as_literal(option: Setting, value: str) -> str:
-    """Return the value of an option as Python writes it; empty if the word is no value of it."""
-    parts = value.split(',')
-    if option.name in ('columns', 'offset') and all('=' in part for part in parts):
-        return repr(dict(part.split('=', 1) for part in parts))
-    if (option.name == 'negate' and set(parts) <= set(QUANTITIES)) or (option is JOINTS and len(parts) == 2):
-        return repr(parts)
-    if value in option.choices or (option.name in ('topic', 'sheet', 'encoding') and value):
-        return repr(value)
-    if isinstance(option.default, float) and value.isupper():
-        return value  # a placeholder
+    word = after[1:].strip("'")
+    if not word or option is START:
+        return name + after
     try:
-        numbers = [f'{float(number):g}' for number in value.split(':')]
-    except ValueError:
-        return ''
-    return numbers[0] if len(numbers) == 1 else f'({", ".join(numbers)})'
+        value = dict(pair.split('=', 1) for pair in word.split(',')) if '=' in word else option.parse(word)
+        option.check(value)
+    except (ParameterError, ValueError):
+        return f'{name}={word}' if word.isupper() else name + after  # a placeholder, or the next word
+    return f'{name}={list(value) if isinstance(value, tuple) else value!r}'

@@ -5,11 +5,9 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from pendubot_identification.arrays import Array
 from pendubot_identification.errors import BagError, MissingFileError
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, Bounds
@@ -18,19 +16,10 @@ from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .result import Result, theta_of
+from .result import Result
 
 #: The end of the name of a recording that is no file.
 IN_MEMORY = ' (from memory)'
-
-
-class Answer(NamedTuple):
-    """The estimate of a criterion for simulations: its name, model, theta and input delay [s]."""
-
-    criterion: str
-    model: str
-    theta: Array
-    delay: float
 
 
 def recordings(result: Result, folder: Path | None = None) -> tuple[list[Trajectory], list[Trajectory]]:
@@ -86,11 +75,3 @@ def hold(result: Result) -> str:
     asked = result.made_by.hold
     found = [answer.effort.hold for name, answer in result.criteria.items() if name != 'energy']
     return asked if asked != 'auto' else (found or ['zero'])[0]
-
-
-def answers(result: Result) -> dict[str, Answer]:
-    """Return the estimate of each criterion."""
-    return {
-        name: Answer(name, result.model, theta_of(answer.parameters).vector(result.model), answer.effort.delay)
-        for name, answer in result.criteria.items()
-    }

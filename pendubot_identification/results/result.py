@@ -19,7 +19,7 @@ import numpy as np
 from pendubot_identification import __version__
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import Parameters
-from pendubot_identification.recordings.source import Source
+from pendubot_identification.trajectories.trajectory import Source
 
 SCHEMA = 1
 

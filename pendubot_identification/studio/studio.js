@@ -236,7 +236,7 @@ const ELBOW = [['relative', 'Relative', 'from the line of link 1',
 function columns() {
   const found = state.described, shown = found ?? state.before;
   if (!found) need('describe', [{ ...state.files[state.shown], role: 'estimate' }], (value, problem) => {
-    state.described = state.before = value ?? { columns: [], taken: {}, topics: [], joints: [], options: {}, guesses: [], problem };
+    state.described = state.before = value ?? { columns: [], taken: {}, topics: [], joints: [], options: {}, problem };
   });
   const table = shown?.columns.length > 0, names = table ? Object.keys(ROWS) : ['q1', 'q2', 'tau1'];
   const rows = names.filter((name) => name in NEEDED || shown?.taken[name] || state.all).map((name) => shown &&
@@ -251,7 +251,7 @@ function columns() {
         ${file.name}</button>`)}</div>`}
     ${found ? '' : busy('reading')}${found?.problem && refusal(found.problem)}
     ${found?.taken_as && note('OK', html`Taken from the file itself: <code>${found.taken_as}</code>`)}
-    ${found?.guesses.map((guess) => note('WARN', guess))}${shown?.topics.length > 0 && bag(shown)}
+    ${shown?.topics.length > 0 && bag(shown)}
     ${(table || shown?.topics.length > 0) && html`<table class="columns"><thead><tr>
       ${head.map((text) => html`<th scope="col">${text}</th>`)}</tr></thead>
       <tbody>${rows}</tbody></table>`}${table && !state.all &&

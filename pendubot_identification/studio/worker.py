@@ -36,8 +36,7 @@ def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     options = {name: value for name, value in _options(job).items() if name in READING}
     found = api.describe(job['bags'][0], **options)
     shown = {name: getattr(found, name) for name in ('columns', 'taken', 'topics', 'joints', 'options')}
-    guesses = found.survey['guesses'] if found.survey else []
-    shown |= {'taken_as': found.taken_as, 'guesses': guesses, 'problem': found.problem and _problem(found.problem)}
+    shown |= {'taken_as': found.taken_as, 'problem': found.problem and _problem(found.problem)}
     if (motion := found.motion) is not None:
         step = max(1, len(motion) // POINTS)
         columns = {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}

@@ -9,7 +9,6 @@ import math
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,6 +33,8 @@ QUANTITIES = ('q1', 'q2', 'tau1', 'tau2')
 #: A wrapped angle jumps by a turn but for this fraction of it.
 WRAPPED = 0.15
 _EXCHANGED = np.eye(2)[::-1]
+#: From two angles with the same zero to relative ones.
+_ABSOLUTE = np.array([[1.0, 0.0], [-1.0, 1.0]])
 
 
 class Affine(NamedTuple):
@@ -92,7 +93,7 @@ class Conversion:
             ('offset', self.offset, QUANTITIES),
         ):
             if unknown := [name for name in given if name not in known]:
-                raise ParameterError(f'--{option} does not know the quantity {unknown[0]!r}; use {", ".join(known)}')
+                raise ParameterError(f'--{option}: there is no quantity {unknown[0]!r}; use {", ".join(known)}')
         if len(self.joints) != 2 or len(set(self.joints)) != 2:
             raise ParameterError(
                 f'--joints {",".join(self.joints)} names {len(set(self.joints))} joints; two are expected, such as '
@@ -172,7 +173,7 @@ class Conversion:
             T = np.diag([self.torque_constant * self.gear, 1.0]) @ T
         if self.elbow == 'absolute':
             # Both angles have the same zero, so it must not be shifted first.
-            Q = np.array([[1.0, 0.0], [-1.0, 1.0]]) @ Q
+            Q = _ABSOLUTE @ Q
         if self.degrees:
             Q = Q * (math.pi / 180)
         off = np.array([self.offset.get(name, 0.0) for name in QUANTITIES])
@@ -219,22 +220,33 @@ class Conversion:
 
         Of several conversions, the one with the fewest changed options is returned.
         """
-        wanted, found = change.after(self.affine), list[tuple[int, Conversion]]()
-        signs = [some for size in range(len(QUANTITIES) + 1) for some in combinations(QUANTITIES, size)]
-        before = set(self.options())
-        choices = {option.name: option.choices for option in CONVERSION}
-        varied: dict[str, Any] = {name: choices[name] for name in ('torque_unit', 'swap', 'elbow', 'zero')}
-        varied |= {'degrees': (False, True), 'negate': signs, 'offset': [{}]}
-        for values in product(*varied.values()):
-            other = replace(self, **dict(zip(varied, values, strict=True)))
+        wanted, before = change.after(self.affine), set(self.options())
+        # Without units and the constant of a current, entries are -1, 0 and 1; an absolute elbow has one more of them.
+        degrees = bool(np.abs(wanted.Q).max() < 0.5)
+        Q = wanted.Q * (180 / math.pi) if degrees else wanted.Q
+        T = wanted.T / [[self.torque_constant * self.gear or 1.0], [1.0]]
+        absolute = int((np.abs(Q) > 0.5).sum()) == 3
+        Q = np.linalg.inv(_ABSOLUTE) @ Q if absolute else Q
+        exchanged = [bool(abs(M[0, 1]) > abs(M[0, 0])) for M in (Q, T)]
+        same = replace(
+            self,
+            swap=('nothing', 'efforts', 'positions', 'joints')[2 * exchanged[0] + exchanged[1]],
+            elbow='absolute' if absolute else 'relative',
+            degrees=degrees,
+            torque_unit=min(TORQUE_UNITS, key=lambda unit: abs(TORQUE_UNITS[unit] - np.abs(T).max())),
+            negate=tuple(n for n, sign in zip(QUANTITIES, [*Q.sum(axis=1), *T.sum(axis=1)], strict=True) if sign < 0),
+            offset={},
+        )
+        found = []
+        for zero in ('horizontal', 'hanging'):
+            other = replace(same, zero=zero)
             Q, c, T, d = other.affine
             if not (np.allclose(Q, wanted.Q, atol=1e-9) and np.allclose(T, wanted.T, atol=1e-9)):
-                continue
+                return None
             turns = np.remainder(c - wanted.c + math.pi, 2 * math.pi) - math.pi
             offset = dict(zip(QUANTITIES, [*turns, *(d - wanted.d)], strict=True))
-            other = replace(other, offset={name: float(value) for name, value in offset.items() if abs(value) > 1e-9})
-            found.append((len(other.offset) + len(before.symmetric_difference(other.options())), other))
-        return min(found, key=lambda each: each[0])[1] if found else None
+            found.append(replace(other, offset={name: float(x) for name, x in offset.items() if abs(x) > 1e-9}))
+        return min(found, key=lambda each: len(each.offset) + len(before.symmetric_difference(each.options())))
 
 
 def options(words: Mapping[str, str]) -> list[str]:

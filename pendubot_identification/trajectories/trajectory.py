@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A recorded or simulated motion: time, positions, torques, and velocities where they are known."""
+"""A recorded or simulated motion, and its origin as a result names it."""
 
 from __future__ import annotations
 
@@ -80,8 +80,22 @@ class Trajectory:
         qd = None if self.qd is None else self.qd[index]
         return replace(self, t=self.t[index], q=self.q[index], tau=self.tau[index], qd=qd)
 
-    def require_samples(self, minimum: int = MINIMUM_SAMPLES) -> Trajectory:
-        """Return this trajectory if it holds at least ``minimum`` samples. Raises TrajectoryError: it is too short."""
-        if len(self) < minimum:
-            raise TrajectoryError(f'{self.name}: {len(self)} samples are too few; choose a window of {minimum} or more')
+    def require_samples(self) -> Trajectory:
+        """Return this trajectory. Raises TrajectoryError: it holds fewer than :data:`MINIMUM_SAMPLES`."""
+        if len(self) < MINIMUM_SAMPLES:
+            expected = f'choose a window of {MINIMUM_SAMPLES} or more'
+            raise TrajectoryError(f'{self.name}: {len(self)} samples are too few; {expected}')
         return self
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording, or a part of it, that was used for ``training`` or ``validation``, its ``role``."""
+
+    bag: str
+    role: str
+    samples: int
+    duration: float
+    sha256: str
+    closed: bool
+    taken_as: str = ''  #: the options that a file's own names and units stand for.

@@ -204,9 +204,13 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
     assert BagReader(tmp_path / 'empty').closed
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write(bag.add_topic('/effort', 'std_msgs/msg/Float64'), FLOAT + bytes(8), START)
-    others = r'; name one of its topics: /effort \[std_msgs/msg/Float64\]'
+    with BagWriter(tmp_path / 'arm') as bag:
+        bag.write(bag.add_topic('/arm/states', JOINT_STATE), bytes(8), START)
+    others = '; its topics are /effort: record the joint states, too'
     for name, topic, sentence in (
         ('empty', TOPIC, 'it is empty: record again'),
+        ('arm', TOPIC, f'on {TOPIC}; add --topic /arm/states$'),
+        ('arm', '/arm/states', 'arm: /arm/states, sample 0 is no sensor_msgs/msg/JointState'),
         *(('bag', each, f'holds no sensor_msgs/msg/JointState on {each}{others}') for each in (TOPIC, '/effort')),
     ):
         with pytest.raises(BagError, match=sentence):

@@ -111,7 +111,7 @@ def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
     [
         ({'tau2': 'u2'}, "no column 'u2' for tau2"),
         ({'t': 't', 'q2': 'x'}, "no column 'x' for q2; .* --columns t=t,q2=q2"),
-        ({'theta1': 'q1'}, "does not know the quantity 'theta1'"),
+        ({'theta1': 'q1'}, "columns: there is no quantity 'theta1'"),
         ({'q1': 'q2'}, "column 'q2' stands for both q1 and q2"),
     ],
 )
@@ -220,6 +220,13 @@ def test_a_current_is_never_taken_for_a_torque(given, name):
     ):
         motion = read(path, columns=columns, **words)
         np.testing.assert_allclose(motion.tau[:, 0], np.multiply(expected, [3, 4]), atol=1e-12)
+
+
+def test_an_unknown_unit_is_never_taken_for_newton_metres(given):
+    path = given('t,q1,q2,tau1 [lbf ft]\n0,1,2,3\n0.01,1,2,4\n')
+    with pytest.raises(TableError, match=r"unit 'lbf ft' of the column 'tau1 .lbf ft.' is not known, and N m are"):
+        read(path)
+    np.testing.assert_allclose(read(path, torque_constant=1.3558).tau[:, 0], np.multiply(1.3558, [3, 4]))
 
 
 def test_a_current_by_a_row_of_units_is_no_torque(given):

@@ -30,7 +30,9 @@ def of_this(result, **values):
     """A result with other values of some parameters."""
     best = result.criteria[result.criterion]
     changed = best.parameters | {name: replace(best.parameters[name], value=v) for name, v in values.items()}
-    return replace(result, criteria=result.criteria | {result.criterion: replace(best, parameters=changed)})
+    return replace(
+        result, parameters=changed, criteria=result.criteria | {result.criterion: replace(best, parameters=changed)}
+    )
 
 
 def lines(picture):

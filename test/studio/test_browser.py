@@ -86,7 +86,10 @@ def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(op
     for quantity, column in zip(('t', 'q1', 'q2', 'tau1'), names, strict=True):
         choose(page, f'column of {quantity}', column)
     click(page, 'Apply --decimal comma')
-    expect(page.get_by_role('note').first).to_contain_text('look like degrees: --degrees?')
+    expect(page.locator('.spark').first).to_be_visible()
+    click(page, 'Continue')
+    expect(page.locator('.checks')).to_contain_text('add --degrees')
+    click(page, 'Correct the columns')
     choose(page, 'unit of q1', 'degrees')
     expect(page.locator('.spark').first).to_be_visible()
     click(page, 'Continue')
