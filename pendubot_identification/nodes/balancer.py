@@ -55,7 +55,7 @@ class Balancer(SettingsNode):
         Setting('max_shoulder', 6.0, 'farthest that link 1 may be from upright; hanging is 3.14', 'rad', 0.1, 100.0),
         Setting('max_elbow', 40.0, 'farthest that the elbow may turn', 'rad', 0.1, 1e3),
         Setting('max_speed', 60.0, 'fastest joint speed', 'rad/s', 0.1, 1e4),
-        Setting('max_age', 0.1, 'a sample older than this, or missing for so long, stops', 's', 0.001, 10.0),
+        Setting('max_age', 0.1, 'a sample missing for so long, or stamped that far off, stops', 's', 0.001, 10.0),
     )
 
     def _open(self, s: dict[str, Any]) -> None:
