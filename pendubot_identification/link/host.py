@@ -242,11 +242,11 @@ class Host:
     def confirm_zeros(self, now: int) -> tuple[bool, str]:
         """Take the angles of a rig at rest as right until the board restarts; return whether, and a sentence."""
         if not self._up or self.state is None or self._joints.q is None:
-            return False, 'no angle comes from the board; look at the bridge'
+            return False, f'no angle comes: {self.condition(now).text}'
         q1, q2 = self._joints.q
         angles = f'q1 = {q1:.4f} rad, q2 = {q2:.4f} rad'
         if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < SETTINGS.rest_us:
-            return False, f'the rig moves ({angles}); let both links hang at rest for a second, then call again'
+            return False, f'the links were not at rest for a second ({angles}); let both hang, then call again'
         self._zeros_confirmed = True
         self._send_zeros(now)
         return True, f'confirmed: {angles}; if that is wrong, restart the board while both links hang at rest'

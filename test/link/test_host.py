@@ -416,8 +416,12 @@ def test_a_limit_that_the_board_does_not_keep_disarms(limits, state, named):
 
 def test_the_board_is_told_of_confirmed_zeros_until_it_says_so_and_what_it_says_counts_for_every_host():
     wire = Wire(HostConfig())
-    assert wire.host.confirm_zeros(0) == (False, 'no angle comes from the board; look at the bridge')
-    wire.states(110)
+    closed = Host()
+    closed.closed('the port x is missing', 0)
+    assert closed.confirm_zeros(0) == (False, 'no angle comes: the port x is missing')
+    wire.states(10)
+    assert 'were not at rest for a second (q1 = ' in wire.host.confirm_zeros(wire.now)[1]
+    wire.states(100)
     wire.sent()
     assert wire.host.confirm_zeros(wire.now)[0]
     wire.states(6)
