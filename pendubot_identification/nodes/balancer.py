@@ -26,7 +26,7 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.setting import Setting
 
 from .messages import LATCHED, Status, joint_sample
-from .ownership import Driver, name_rivals
+from .ownership import PATIENCE, Driver, name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 
 #: The first message of a new publisher may come this long [s] before it is counted.
@@ -148,9 +148,9 @@ class Balancer(SettingsNode):
         except PendubotError as error:
             return False, str(error)
         self._driver.begin()
-        if not self._driver.is_heard():
+        if not self._driver.is_heard(PATIENCE):
             self._balancing.stop()
-            return False, 'nobody subscribes to pendubot/effort_command; start the bridge'
+            return False, self._driver.deaf()
         answer = await self._driver.arm.call_async(Trigger.Request())
         if not answer.success:
             self._balancing.stop()
