@@ -131,9 +131,6 @@ class Bridge(ManagedNode):
             raise ParameterError('sign holds a 0; 1 or -1 is expected for each joint')
         if not s['port']:
             raise ParameterError('port is empty; set it to a path or a pyserial URL')
-
-    def _allow(self, s: dict[str, Any]) -> None:
-        """Refuse a larger torque limit while the motor is armed."""
         if self.opened and self._host.armed and s['torque_limit'] > (limit := self._host.motor.torque_limit):
             raise ParameterError(
                 f'torque_limit is {limit:g} N m, and is not raised while the motor is armed; call ~/disarm first'

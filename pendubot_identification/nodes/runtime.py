@@ -143,10 +143,7 @@ class SettingsNode(Node):
         return not setting.dynamic
 
     def _check(self, s: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together, by ParameterError."""
-
-    def _allow(self, s: dict[str, Any]) -> None:
-        """Refuse a change to these settings at this moment, by ParameterError."""
+        """Refuse settings that make no sense together, or at this moment, by ParameterError."""
 
     def _change(self, s: dict[str, Any]) -> None:
         """Apply changed settings."""
@@ -221,7 +218,6 @@ class SettingsNode(Node):
         try:
             s = self.settings(changed)
             self._refuse_senseless(s)
-            self._allow(s)
         except PendubotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
