@@ -27,7 +27,7 @@ from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import current_name
 
 from .messages import Status, shoulder_effort
-from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_rivals
+from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_others, name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 
 #: The computer's clock was set if it is off by more than this [s].
@@ -253,12 +253,16 @@ class Bridge(ManagedNode):
 
     def _arm(self, future: Future, now: int) -> None:
         self._arming.append(future)
-        obstacle = name_rivals(self, *self._commands)
+        # Another bridge of this name would be armed by the same call, and obey the same torques.
+        obstacle = name_rivals(self, *self._commands) or name_others(self, self._joint_states)
         if not self.active:
             obstacle = f'the bridge is inactive; call ros2 lifecycle set {self.get_fully_qualified_name()} activate'
         # Not while it ends: the last message to the board has to be the disarm.
-        if obstacle or self.ended.is_set():
-            self._host.output.emit(ArmingEnded(obstacle or 'the bridge is ending'))
+        if self.ended.is_set():
+            obstacle = 'the bridge is ending'
+        if obstacle:
+            self._host.output.emit(ArmingEnded(obstacle))
+            self._host.motor.disarm(now)
         else:
             self._host.arm(now)
 

@@ -61,6 +61,12 @@ def name_rivals(node: Node, *subscriptions: Subscription, wait: bool = False) ->
     return _name_publishers(node, [each.topic_name for each in subscriptions], count, wait) if count > 1 else ''
 
 
+def name_others(node: Node, publisher: Publisher) -> str:
+    """Return a sentence that names the publishers of a topic if a node's own is not the only one, else ''."""
+    count = node.count_publishers(publisher.topic_name)
+    return _name_publishers(node, [publisher.topic_name], count, wait=False) if count > 1 else ''
+
+
 class Driver:
     """A node's way to a bridge: its effort commands, from :meth:`begin` on, and the services that arm and disarm.
 
