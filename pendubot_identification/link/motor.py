@@ -183,9 +183,7 @@ class Motor:
         status = state.status
         if risen := status & ~self._before.status:
             self._report_faults(risen & FAULTS, now)
-        if risen & Status.WATCHDOG:
-            self._counters.trips += 1
-            self._output.report(Level.WARN, "the board's watchdog tripped")
+        self._counters.trips += bool(risen & Status.WATCHDOG)
         self._count_refused(state, now)
         if self._arming_since is not None:
             self._go_on_arming(state, now)

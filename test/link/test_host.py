@@ -503,7 +503,7 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
         (lambda wire: [e for _ in range(12) for e in wire.wait(10)], 'link lost', {'link_losses': 1}),
         (
             lambda wire: wire.state(**wire.obeyed | {'status': Status.WATCHDOG}),
-            "the board's watchdog tripped",
+            "disarmed: the board's watchdog tripped",
             {'trips': 1},
         ),
         (
