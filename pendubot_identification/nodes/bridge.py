@@ -273,6 +273,8 @@ class Bridge(ManagedNode):
         return False, f'no board to tell: {self._host.condition(time.monotonic_ns()).text}'
 
     async def _on_confirm_zeros(self) -> tuple[bool, str]:
+        if others := name_others(self, self._joint_states):
+            return False, others
         with self._lock:
             confirmed, message = self._host.confirm_zeros(time.monotonic_ns())
             self._link.write(self._host.output.take_data())

@@ -74,6 +74,7 @@ def test_a_second_publisher_of_joint_states_keeps_it_from_being_armed(rig, stran
     answers = []
     r.until(lambda: answers.append(r.call('arm')) or not answers[-1].success)
     assert '/joint_states has 2 publishers: ' in answers[-1].message
+    assert r.call('confirm_zeros').message.startswith('/joint_states has 2 publishers: ')
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
     stranger.destroy_publisher(other)
     r.until(lambda: r.call('arm').success)
