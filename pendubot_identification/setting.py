@@ -84,7 +84,7 @@ class Setting:
         one, many = {
             bool: ('true or false', 'a list of true or false'),
             int: ('a whole number', 'a list of whole numbers'),
-            float: ('a number with a decimal point', 'a list of numbers with decimal points'),
+            float: ('a number', 'a list of numbers'),
             str: ('a text', 'a list of texts'),
         }[type(self.default[0] if several else self.default)]
         words = many if several else one

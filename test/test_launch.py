@@ -124,7 +124,7 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
 @pytest.mark.parametrize(
     ('name', 'arguments', 'missing', 'said'),
     [
-        ('rig', {'amplitude': 'nan'}, None, 'amplitude is nan; a number with a decimal point is expected'),
+        ('rig', {'amplitude': 'nan'}, None, 'amplitude is nan; a number is expected'),
         ('rig', {'seed': '1.5'}, None, 'seed is 1.5; a whole number is expected'),
         ('rig', {'arm': ''}, None, 'arm is empty; true or false is expected'),
         ('rig', {'discovery': 'MOON'}, None, 'discovery is MOON; one of LOCALHOST, SUBNET, SYSTEM_DEFAULT is expected'),

@@ -27,21 +27,14 @@
 #define MICRO 1e-6
 #define VBUS_10MV 2400
 #define MILLIAMPERE_PER_MICRO_NM 0.01
-#define OVER_CURRENT_US 100000
 
 static const char usage[] =
     "usage: pendubot_board [--link PATH] [--rate HZ] [--counts N] [--torque-limit NM] [--preset paper|balance]\n"
     "                      [--trace FILE] [--duration S] [--seed N] [--fault NAME=VALUE ...] [--limit NAME=VALUE ...]\n"
-    "faults: bit_flip, drop_byte, double_byte, lose_frame, duplicate_frame (probability, of each sample's bytes),\n"
-    "glitch (of each sample), reset_at, emergency_stop_at, over_current_at, stuck_at (seconds after the start)\n"
+    "faults: bit_flip, duplicate_frame (probability, of each sample's bytes), glitch (of each sample), reset_at,\n"
+    "stuck_at (seconds after the start)\n"
     "limits, in the units of HELLO, 0 for none: torque_slew, max_speed, max_travel1, max_travel2, stall_torque, stall_ms,\n"
     "continuous_ma, overload_ms, max_vbus\n";
-
-/* In the order of `fault_names`. */
-static const char *const fault_names[] = { "bit_flip", "drop_byte", "double_byte", "lose_frame", "duplicate_frame",
-    "glitch", "reset_at", "emergency_stop_at", "over_current_at", "stuck_at" };
-enum { BIT_FLIP, DROP_BYTE, DOUBLE_BYTE, LOSE_FRAME, DUPLICATE_FRAME, GLITCH, RESET_AT, EMERGENCY_STOP_AT,
-    OVER_CURRENT_AT, STUCK_AT, FAULTS };
 
 /* Micro-N m: twice the gravity torque (P4 + P5) g of the paper's rig, and 1.5 times that of plant_to_balance. */
 enum { STALL_TORQUE = 500000, STALL_TORQUE_TO_BALANCE = 1920000 };
@@ -58,8 +51,7 @@ static struct pendubot_settings settings = {
     .firmware = "host in C",
 };
 
-static double faults[FAULTS] = { [RESET_AT] = INFINITY, [EMERGENCY_STOP_AT] = INFINITY, [OVER_CURRENT_AT] = INFINITY,
-    [STUCK_AT] = INFINITY };
+static double bit_flip, duplicate_frame, glitch, reset_at = INFINITY, stuck_at = INFINITY;
 static struct plant plant;
 static const char *link_path;
 static FILE *trace;
@@ -101,19 +93,8 @@ static void plug(void)
 {
     int slave;
     struct termios raw;
-    char former[sizeof slave_path];
-    memcpy(former, slave_path, sizeof former);
     if (openpty(&master, &slave, slave_path, NULL, NULL) != 0) {
         fail("no pseudo-terminal");
-    }
-    if (strcmp(former, slave_path) == 0) {
-        /* A device that returns has another path: take the next. */
-        int taken[2] = { master, slave };
-        if (openpty(&master, &slave, slave_path, NULL, NULL) != 0) {
-            fail("no pseudo-terminal");
-        }
-        close(taken[0]);
-        close(taken[1]);
     }
     tcgetattr(slave, &raw);
     cfmakeraw(&raw);
@@ -190,15 +171,12 @@ void board_read(struct pendubot_reading *reading)
     for (int joint = stuck ? 1 : 0; joint < 2; joint++) {
         counts[joint] = plant_counts(&plant, joint, cpr[joint]) - origin[joint];
     }
-    stuck = (double)elapsed_us >= faults[STUCK_AT] * 1e6;
-    reading->enc1 = counts[0] + (chance(faults[GLITCH]) ? (int32_t)cpr[0] / 2 : 0);
+    stuck = (double)elapsed_us >= stuck_at * 1e6;
+    reading->enc1 = counts[0] + (chance(glitch) ? (int32_t)cpr[0] / 2 : 0);
     reading->enc2 = counts[1];
     reading->current_ma = (int16_t)lrint(fmax(-32768, fmin(32767, torque_now * MILLIAMPERE_PER_MICRO_NM)));
     reading->vbus_10mv = VBUS_10MV;
-    double at = (double)elapsed_us, over = faults[OVER_CURRENT_AT] * 1e6, stop = faults[EMERGENCY_STOP_AT] * 1e6;
-    /* The button is pressed for one period; that the stop stands is the link's part. */
-    reading->faults = (at >= stop && at < stop + settings.sample_period_us ? PENDUBOT_EMERGENCY_STOP : 0u)
-                      | (at >= over && at < over + OVER_CURRENT_US ? PENDUBOT_OVER_CURRENT : 0u);
+    reading->faults = 0;
 }
 
 void board_torque(int32_t torque)
@@ -235,21 +213,10 @@ bool board_send(const uint8_t *data, size_t size)
         unplug();
         return true;
     }
-    if (chance(faults[BIT_FLIP])) {
+    if (chance(bit_flip)) {
         bytes[below(size)] ^= (uint8_t)(1u << below(8));
     }
-    if (chance(faults[DROP_BYTE])) {
-        size_t at = below(size--);
-        memmove(bytes + at, bytes + at + 1, size - at);
-    }
-    if (chance(faults[DOUBLE_BYTE])) {
-        size_t at = below(size);
-        memmove(bytes + at + 1, bytes + at, size++ - at);
-    }
-    if (chance(faults[LOSE_FRAME])) {
-        return true;
-    }
-    if (chance(faults[DUPLICATE_FRAME])) {
+    if (chance(duplicate_frame)) {
         memcpy(bytes + size, bytes, size);
         size *= 2;
     }
@@ -280,51 +247,46 @@ static double number(const char *name, const char *text, double low, double high
     return value;
 }
 
-static void set_fault(const char *text)
-{
-    for (int k = 0; k < FAULTS; k++) {
-        size_t size = strlen(fault_names[k]);
-        if (strncmp(text, fault_names[k], size) == 0 && text[size] == '=') {
-            faults[k] = number(fault_names[k], text + size + 1, 0, k < RESET_AT ? 1 : INFINITY);
-            return;
-        }
-    }
-    fprintf(stderr, "pendubot_board: no fault %s\n%s", text, usage);
-    exit(2);
-}
-
-static void set_limit(const char *text)
+/* Sets the field of NAME=VALUE: a fault, which is a double, or a limit, which is an integer of its size. */
+static void set(const char *text)
 {
     struct pendubot_limits *to = &settings.limits;
     const struct {
         const char *name;
-        uint32_t *wide;
-        uint16_t *narrow;
-    } limits[] = {
-        { "torque_slew", &to->torque_slew, NULL },
-        { "max_speed", &to->max_speed, NULL },
-        { "max_travel1", &to->max_travel1, NULL },
-        { "max_travel2", &to->max_travel2, NULL },
-        { "stall_torque", &to->stall_torque, NULL },
-        { "stall_ms", NULL, &to->stall_ms },
-        { "continuous_ma", NULL, &to->continuous_ma },
-        { "overload_ms", NULL, &to->overload_ms },
-        { "max_vbus", NULL, &to->max_vbus },
+        void *at;
+        size_t size;
+        double most;
+    } fields[] = {
+        { "bit_flip", &bit_flip, sizeof bit_flip, 1 },
+        { "duplicate_frame", &duplicate_frame, sizeof duplicate_frame, 1 },
+        { "glitch", &glitch, sizeof glitch, 1 },
+        { "reset_at", &reset_at, sizeof reset_at, INFINITY },
+        { "stuck_at", &stuck_at, sizeof stuck_at, INFINITY },
+        { "torque_slew", &to->torque_slew, sizeof to->torque_slew, UINT32_MAX },
+        { "max_speed", &to->max_speed, sizeof to->max_speed, UINT32_MAX },
+        { "max_travel1", &to->max_travel1, sizeof to->max_travel1, UINT32_MAX },
+        { "max_travel2", &to->max_travel2, sizeof to->max_travel2, UINT32_MAX },
+        { "stall_torque", &to->stall_torque, sizeof to->stall_torque, UINT32_MAX },
+        { "stall_ms", &to->stall_ms, sizeof to->stall_ms, UINT16_MAX },
+        { "continuous_ma", &to->continuous_ma, sizeof to->continuous_ma, UINT16_MAX },
+        { "overload_ms", &to->overload_ms, sizeof to->overload_ms, UINT16_MAX },
+        { "max_vbus", &to->max_vbus, sizeof to->max_vbus, UINT16_MAX },
     };
-    for (size_t k = 0; k < sizeof limits / sizeof *limits; k++) {
-        size_t size = strlen(limits[k].name);
-        if (strncmp(text, limits[k].name, size) == 0 && text[size] == '=') {
-            double most = limits[k].wide != NULL ? UINT32_MAX : UINT16_MAX;
-            uint32_t value = (uint32_t)number(limits[k].name, text + size + 1, 0, most);
-            if (limits[k].wide != NULL) {
-                *limits[k].wide = value;
+    for (size_t k = 0; k < sizeof fields / sizeof *fields; k++) {
+        size_t size = strlen(fields[k].name);
+        if (strncmp(text, fields[k].name, size) == 0 && text[size] == '=') {
+            double value = number(fields[k].name, text + size + 1, 0, fields[k].most);
+            if (fields[k].size == sizeof(double)) {
+                *(double *)fields[k].at = value;
+            } else if (fields[k].size == sizeof(uint32_t)) {
+                *(uint32_t *)fields[k].at = (uint32_t)value;
             } else {
-                *limits[k].narrow = (uint16_t)value;
+                *(uint16_t *)fields[k].at = (uint16_t)value;
             }
             return;
         }
     }
-    fprintf(stderr, "pendubot_board: no limit %s\n%s", text, usage);
+    fprintf(stderr, "pendubot_board: no fault or limit %s\n%s", text, usage);
     exit(2);
 }
 
@@ -333,8 +295,7 @@ static double parse(int argc, char **argv)
     static const struct option options[] = { { "link", 1, NULL, 'l' }, { "rate", 1, NULL, 'r' },
         { "counts", 1, NULL, 'c' }, { "torque-limit", 1, NULL, 't' }, { "preset", 1, NULL, 'p' },
         { "trace", 1, NULL, 'f' }, { "duration", 1, NULL, 'd' }, { "seed", 1, NULL, 's' }, { "fault", 1, NULL, 'x' },
-        { "limit", 1, NULL, 'L' },
-        { NULL, 0, NULL, 0 } };
+        { "limit", 1, NULL, 'x' }, { NULL, 0, NULL, 0 } };
     double duration = INFINITY;
     plant = plant_of_the_paper;
     srand48(now_ns(CLOCK_REALTIME) ^ getpid());
@@ -357,8 +318,7 @@ static double parse(int argc, char **argv)
             break;
         case 'd': duration = number("--duration", optarg, 0, INFINITY); break;
         case 's': srand48((long)number("--seed", optarg, 0, UINT32_MAX)); break;
-        case 'x': set_fault(optarg); break;
-        case 'L': set_limit(optarg); break;
+        case 'x': set(optarg); break;
         case 'f':
             trace = fopen(optarg, "wx");
             if (trace == NULL) {
@@ -385,15 +345,14 @@ int main(int argc, char **argv)
     plug();
     printf("virtual board on %s\n", link_path != NULL ? link_path : slave_path);
     firmware_boot();
-    bool reset_due = isfinite(faults[RESET_AT]);
     int64_t due = now_ns(CLOCK_MONOTONIC);
     while (!stopped && (double)elapsed_us * MICRO < duration) {
         struct timespec at = { due / 1000000000, due % 1000000000 };
         if (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, NULL) != 0) {
             continue; /* a signal came */
         }
-        if (reset_due && (double)elapsed_us >= faults[RESET_AT] * 1e6) {
-            reset_due = false;
+        if ((double)elapsed_us >= reset_at * 1e6) {
+            reset_at = INFINITY;
             cause = 2;
             stuck = false;
             booted_us = elapsed_us;

@@ -138,8 +138,12 @@ class Balancing:
             if t - self._arming_since > PATIENCE:
                 raise ControlError(f'the bridge did not answer within {PATIENCE:g} s whether it is armed; start again')
             return 0.0
-        if not now - t <= self._bounds.gap:
-            raise ControlError(f'a sample is {now - t:.3f} s old; at most {self._bounds.gap:g} s are allowed')
+        # One from the future is as bad: where this clock stands still or was set back, none would ever be old.
+        if not abs(now - t) <= self._bounds.gap:
+            raise ControlError(
+                f'a sample is {now - t:.3f} s old; at most {self._bounds.gap:g} s either way are allowed: look at the '
+                'clocks and at use_sim_time'
+            )
         if self._coming is not None:
             self.plan, self._coming = self._coming, None
             self._controller.adopt(self.plan.design)

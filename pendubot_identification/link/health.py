@@ -10,7 +10,6 @@ from pendubot_identification.level import Diagnosis, Level
 from .clock import SECOND
 from .events import Report
 from .host import Host
-from .protocol import Status
 
 #: Counters that grow only while something is wrong.
 WORRYING = ['lost', 'duplicates', 'out_of_order', 'damaged', 'flagged', 'irregular_stamps', 'late_samples']
@@ -56,7 +55,7 @@ class Health:
             'damaged by reason': ', '.join(f'{name} {count}' for name, count in sorted(reasons.items())),
         }
         if host.state is not None:
-            values['status'] = Status(host.state.status).value
+            values['status'] = host.state.status
             values['current [A]'] = host.state.current / 1000
             values['supply [V]'] = host.state.vbus / 100
         if (hello := host.hello) is not None:

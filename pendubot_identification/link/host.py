@@ -46,10 +46,6 @@ class HostSettings:
 
 SETTINGS = HostSettings()
 
-# As plain numbers, because a status comes a thousand times a second and IntFlag is slow.
-_DAMAGED_FRAME, _OVERRUN, _FAULTS = int(Status.DAMAGED_FRAME), int(Status.OVERRUN), int(FAULTS)
-_LATE, _ZEROED = int(Status.LATE), int(Status.ZEROED)
-
 
 class Host:
     """The host's end of one link.
@@ -145,8 +141,8 @@ class Host:
             return Report(Level.ERROR, self._version_text() or 'no valid sample comes from the board')
         if self.motor.disobeyed:
             return Report(Level.ERROR, DISOBEYED)
-        if status & _FAULTS:
-            return Report(Level.ERROR, names(status & _FAULTS))
+        if status & FAULTS:
+            return Report(Level.ERROR, names(status & FAULTS))
         if wrong := self._unusable or self._contradiction():
             return Report(Level.ERROR, wrong)
         if status & Status.WATCHDOG:
@@ -242,11 +238,11 @@ class Host:
     def confirm_zeros(self, now: int) -> tuple[bool, str]:
         """Take the angles of a rig at rest as right until the board restarts; return whether, and a sentence."""
         if not self._up or self.state is None or self._joints.q is None:
-            return False, 'no angle comes from the board; look at the bridge'
+            return False, f'no angle comes: {self.condition(now).text}'
         q1, q2 = self._joints.q
         angles = f'q1 = {q1:.4f} rad, q2 = {q2:.4f} rad'
         if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < SETTINGS.rest_us:
-            return False, f'the rig moves ({angles}); let both links hang at rest for a second, then call again'
+            return False, f'the links were not at rest for a second ({angles}); let both hang, then call again'
         self._zeros_confirmed = True
         self._send_zeros(now)
         return True, f'confirmed: {angles}; if that is wrong, restart the board while both links hang at rest'
@@ -277,7 +273,7 @@ class Host:
             if own and not 0 < of_board <= own * 1000:
                 allowed = f'a limit of {of_board / 1000:g}' if of_board else 'no limit'
                 return f"{name} is {own:g}, and the board has {allowed}; lower the firmware's in rig.h, or raise this"
-        known = self._zeros_confirmed or (self.state is not None and self.state.status & _ZEROED)
+        known = self._zeros_confirmed or (self.state is not None and self.state.status & Status.ZEROED)
         if config.confirm_zeros and not known:
             return (
                 'the board has restarted since somebody last confirmed its zeros, so the angles may be wrong; let both '
@@ -303,13 +299,13 @@ class Host:
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
         applied, status = self.state.torque if self.state else 0, state.status
         self.state, self._state_arrival = state, now
-        if self._zeros_confirmed and not status & _ZEROED and now - self._zeros_sent >= REPEAT_INTERVAL:
+        if self._zeros_confirmed and not status & Status.ZEROED and now - self._zeros_sent >= REPEAT_INTERVAL:
             self._send_zeros(now)
         counters = self.counters
         if status:
-            counters.board_damaged += bool(status & _DAMAGED_FRAME)
-            counters.board_overruns += bool(status & _OVERRUN)
-            counters.late_samples += bool(status & _LATE)
+            counters.board_damaged += bool(status & Status.DAMAGED_FRAME)
+            counters.board_overruns += bool(status & Status.OVERRUN)
+            counters.late_samples += bool(status & Status.LATE)
         self.motor.follow(state, now)
         board_us = self._board_time(state.t_us, now, frames)
         if self._limits is not None and self._board_us is not None:

@@ -43,13 +43,13 @@ class LimitMonitor:
         for (counts, travel), last, per_turn in zip(travels, before, self._counts_per_turn, strict=True):
             fast |= abs(counts - last) * TAU_NANO > limits.max_speed * elapsed_us * per_turn
             if travel and abs(counts) * TAU_NANO > travel * per_turn * 1_000_000:
-                status |= Status.TRAVEL.value
+                status |= Status.TRAVEL
         self._fast = min(self._fast + 1, FAST_SAMPLES) if limits.max_speed and fast else 0
         if self._fast == FAST_SAMPLES:
-            status |= Status.SPEED.value
+            status |= Status.SPEED
         status |= self._stall(sample.enc1, elapsed_us, torque) | self._overload(sample.current, elapsed_us)
         if limits.max_vbus and sample.vbus > limits.max_vbus:
-            status |= Status.OVERVOLTAGE.value
+            status |= Status.OVERVOLTAGE
         return status
 
     def _stall(self, counts: int, elapsed_us: int, torque: int) -> int:
@@ -59,10 +59,10 @@ class LimitMonitor:
             self._still_at, self._still_us = counts, 0
             return 0
         self._still_us = min(self._still_us + elapsed_us, longest)
-        return Status.STALL.value if longest and self._still_us == longest else 0
+        return Status.STALL if longest and self._still_us == longest else 0
 
     def _overload(self, current: int, elapsed_us: int) -> int:
         bearable = self._limits.continuous_ma**2
         limit = 3 * bearable * self._limits.overload_ms * 1000
         self._heat = min(max(self._heat + (current**2 - bearable) * elapsed_us, 0), limit)
-        return Status.OVERLOAD.value if limit and self._heat == limit else 0
+        return Status.OVERLOAD if limit and self._heat == limit else 0

@@ -16,7 +16,7 @@ from pendubot_identification.level import Level
 
 from .clock import MS, SECOND
 from .events import ArmingEnded, HostConfig, Output
-from .protocol import FAULTS, Arm, Command, Hello, Mode, State, Status
+from .protocol import BITS, FAULTS, Arm, Command, Hello, Mode, State, Status
 
 ARMING_TIMEOUT = 500 * MS
 #: Requests to arm and to disarm are repeated this often until the board has obeyed them.
@@ -29,10 +29,6 @@ DISOBEYED = 'the board does not obey the request to disarm: press the emergency 
 _NO_STATE = State(0, 0, 0, 0, 0, 0, 0, 0, 0)
 #: The numbers of frames wrap here.
 _SEQS = 1 << 16
-
-# As plain numbers, because a status comes a thousand times a second and IntFlag is slow.
-_ARMED, _WATCHDOG, _FAULTS = int(Status.ARMED), int(Status.WATCHDOG), int(FAULTS)
-_SATURATED, _SLEW = int(Status.SATURATED), int(Status.SLEW)
 
 
 class Motor:
@@ -186,23 +182,21 @@ class Motor:
         """Compare a STATE with what was sent, and with the one before it."""
         status = state.status
         if risen := status & ~self._before.status:
-            self._report_faults(risen & _FAULTS, now)
-        if risen & _WATCHDOG:
-            self._counters.trips += 1
-            self._output.report(Level.WARN, "the board's watchdog tripped")
+            self._report_faults(risen & FAULTS, now)
+        self._counters.trips += bool(risen & Status.WATCHDOG)
         self._count_refused(state, now)
         if self._arming_since is not None:
             self._go_on_arming(state, now)
         elif not self.armed:
             self._follow_disarmed(state, risen, now)
         elif reason := self._contradiction(state):
-            if not status & (_FAULTS | _WATCHDOG):
+            if not status & (FAULTS | Status.WATCHDOG):
                 self._output.report(Level.ERROR, reason)
             self.stop(reason, now)
         self._before = state
 
     def _follow_disarmed(self, state: State, risen: int, now: int) -> None:
-        moves, moved = (bool(each.status & _ARMED or each.torque) for each in (state, self._before))
+        moves, moved = (bool(each.status & Status.ARMED or each.torque) for each in (state, self._before))
         # From off to on without an ARM of this host, or on although it was disarmed.
         foreign = moves and (self._disarming_since is None or not (moved or state.lock == self._lock))
         if foreign:
@@ -212,7 +206,7 @@ class Motor:
                 self._output.report(Level.ERROR, f'{text}: end that program')
             self.stop(self.lost, now)
         elif self._disarming_since is None:
-            if risen & _FAULTS:
+            if risen & FAULTS:
                 self.stop('a fault', now)  # asks it to forget a fault that is over
         elif not moves and self._is_own(state.cmd_seq):
             self._disarming_since, self.disobeyed = None, False
@@ -227,16 +221,18 @@ class Motor:
         if self._disarming_since is not None:
             return
         status, own = state.status, self._is_own(state.cmd_seq)
-        if status & _FAULTS:
-            self.stop(f'the board is in a fault: {names(status & _FAULTS)}', now)
-        elif status & _ARMED and own and state.lock == self._lock:
+        if status & FAULTS:
+            self.stop(f'the board is in a fault: {names(status & FAULTS)}', now)
+        elif status & Status.ARMED and own and state.lock == self._lock:
             self.armed, self._arming_since = True, None
             self._last_effort = now
             self._output.emit(ArmingEnded())
         elif self._lock is None:
             self._request(state.lock, now)
             self._arm_seq = self._output.seq
-        elif status & _ARMED or (state.lock != self._lock and not (own and self._is_before_arming(state.cmd_seq))):
+        elif status & Status.ARMED or (
+            state.lock != self._lock and not (own and self._is_before_arming(state.cmd_seq))
+        ):
             self.stop('another program armed or disarmed the board meanwhile; end that program', now)
         elif state.lock != self._lock or now - self._last_sent >= REPEAT_INTERVAL:
             # A mode 0 of this host's own that was repeated came late, or the ARM was lost.
@@ -245,12 +241,12 @@ class Motor:
     def _contradiction(self, state: State) -> str:
         """Return why this STATE of an armed board ends the arming; empty where it is as expected."""
         status = state.status
-        if status & _FAULTS:
-            return f'the board is in a fault: {names(status & _FAULTS)}'
-        if status & _WATCHDOG:
+        if status & FAULTS:
+            return f'the board is in a fault: {names(status & FAULTS)}'
+        if status & Status.WATCHDOG:
             return "the board's watchdog tripped"
         own = self._is_own(state.cmd_seq)
-        if not status & _ARMED:
+        if not status & Status.ARMED:
             return 'the board is no longer armed' if own else 'another program disarmed the board'
         if not own or state.lock != self._lock:
             return (
@@ -265,10 +261,10 @@ class Motor:
     def _expected(self, state: State) -> tuple[int, int]:
         """Return between which torques [micro-N m] a board that obeys this frame may be."""
         wanted = self._sent[state.cmd_seq]
-        if state.status & _SATURATED and self.board is not None:
+        if state.status & Status.SATURATED and self.board is not None:
             limit = self.board.torque_limit
             wanted = max(-limit, min(limit, wanted))
-        if not state.status & _SLEW:
+        if not state.status & Status.SLEW:
             return wanted, wanted
         # On its way from the torque before, past those that were wanted in between.
         before = self._before
@@ -290,7 +286,7 @@ class Motor:
 
     def _report_faults(self, risen: int, now: int) -> None:
         # Some faults come and go, such as a supply that sags whenever the motor pulls.
-        if new := sum(bit for bit in Status if bit & risen and self._output.is_new(str(bit.name), now)):
+        if new := sum(bit for name, bit in BITS.items() if bit & risen and self._output.is_new(name, now)):
             self._output.report(Level.ERROR, f'the board reports a fault: {names(new)}')
 
     def _is_own(self, seq: int) -> bool:
@@ -321,4 +317,4 @@ class Motor:
 
 def names(status: int) -> str:
     """Return the bits' names in words, such as ``over current, encoder 1``."""
-    return ', '.join(bit.name.lower().replace('_', ' ') for bit in Status if bit & status and bit.name)
+    return ', '.join(name.lower().replace('_', ' ') for name, bit in BITS.items() if bit & status)

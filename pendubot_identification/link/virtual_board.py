@@ -103,12 +103,6 @@ def _expect(name: str, value: float, low: float, high: float) -> None:
         raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
 
 
-# As plain numbers, because a status is made a thousand times a second and IntFlag is slow.
-_ARMED, _WATCHDOG, _SATURATED, _SLEW = (int(Status[name]) for name in ('ARMED', 'WATCHDOG', 'SATURATED', 'SLEW'))
-_LATE, _ZEROED, _REFUSED, _OVERRUN = (int(Status[name]) for name in ('LATE', 'ZEROED', 'REFUSED', 'OVERRUN'))
-_DAMAGED_FRAME, _EMERGENCY_STOP = int(Status.DAMAGED_FRAME), int(Status.EMERGENCY_STOP)
-_OVER_CURRENT = int(Status.OVER_CURRENT)
-
 #: How long an over-current stands [us].
 _OVER_CURRENT_US = 100_000
 
@@ -149,7 +143,7 @@ class VirtualBoard:
         """Take bytes from the host; commands count from the next sample on."""
         for event in self._decoder.feed(data):
             if isinstance(event, Damaged):
-                self._notes |= _DAMAGED_FRAME
+                self._notes |= Status.DAMAGED_FRAME
             elif isinstance(event, HelloRequest):
                 self._hellos_due += 1
             elif isinstance(event, Command):
@@ -167,7 +161,7 @@ class VirtualBoard:
 
     def note_overrun(self) -> None:
         """Bytes could not be sent: the next STATE says so."""
-        self._notes |= _OVERRUN
+        self._notes |= Status.OVERRUN
 
     def advance(self) -> bytes:
         """Take one sample, and let the plant move until the next; return what goes out to the host."""
@@ -273,12 +267,12 @@ class VirtualBoard:
 
     def _refuse(self) -> None:
         self._refused = (self._refused + 1) & 0xFFFF
-        self._notes |= _REFUSED
+        self._notes |= Status.REFUSED
 
     def _standing_faults(self) -> int:
-        standing = _EMERGENCY_STOP if self._has_come(self._faults.emergency_stop_at) else 0
+        standing = Status.EMERGENCY_STOP if self._has_come(self._faults.emergency_stop_at) else 0
         if 0 <= self._elapsed_us - self._faults.over_current_at * 1e6 < _OVER_CURRENT_US:
-            standing |= _OVER_CURRENT
+            standing |= Status.OVER_CURRENT
         return standing | self._exceeded
 
     def _has_come(self, at: float) -> bool:
@@ -301,7 +295,7 @@ class VirtualBoard:
             # Or one that comes and goes would leave the motor on in between.
             self._disarm(faults)
         elif self.armed and self._clock_us >= self._holds_until_us:
-            self._disarm(_WATCHDOG)
+            self._disarm(Status.WATCHDOG)
         limit = round(self.settings.torque_limit * 1e6)
         allowed = max(-limit, min(limit, self._wanted))
         step = self.settings.limits.torque_slew * period // 1000
@@ -309,11 +303,11 @@ class VirtualBoard:
         torque = slewed if self.settings.limits.torque_slew else allowed
         self._applied = self._slewed = torque
         status = faults | self._latched | self._notes
-        status |= _ARMED if self.armed else 0
-        status |= _SATURATED if allowed != self._wanted else 0
-        status |= _SLEW if torque != allowed else 0
-        status |= _LATE if 2 * elapsed > 3 * period else 0
-        status |= _ZEROED if self._zeroed else 0
+        status |= Status.ARMED if self.armed else 0
+        status |= Status.SATURATED if allowed != self._wanted else 0
+        status |= Status.SLEW if torque != allowed else 0
+        status |= Status.LATE if 2 * elapsed > 3 * period else 0
+        status |= Status.ZEROED if self._zeroed else 0
         self._notes = 0
         return measured._replace(torque=torque, status=status, lock=self._lock, refused=self._refused)
 

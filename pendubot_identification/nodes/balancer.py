@@ -26,7 +26,7 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.setting import Setting
 
 from .messages import LATCHED, Status, joint_sample
-from .ownership import Driver, name_rivals
+from .ownership import PATIENCE, Driver, name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 
 #: The first message of a new publisher may come this long [s] before it is counted.
@@ -55,7 +55,7 @@ class Balancer(SettingsNode):
         Setting('max_shoulder', 6.0, 'farthest that link 1 may be from upright; hanging is 3.14', 'rad', 0.1, 100.0),
         Setting('max_elbow', 40.0, 'farthest that the elbow may turn', 'rad', 0.1, 1e3),
         Setting('max_speed', 60.0, 'fastest joint speed', 'rad/s', 0.1, 1e4),
-        Setting('max_age', 0.1, 'a sample older than this, or missing for so long, stops', 's', 0.001, 10.0),
+        Setting('max_age', 0.1, 'a sample missing for so long, or stamped that far off, stops', 's', 0.001, 10.0),
     )
 
     def _open(self, s: dict[str, Any]) -> None:
@@ -148,9 +148,9 @@ class Balancer(SettingsNode):
         except PendubotError as error:
             return False, str(error)
         self._driver.begin()
-        if not self._driver.is_heard():
+        if not self._driver.is_heard(PATIENCE):
             self._balancing.stop()
-            return False, 'nobody subscribes to pendubot/effort_command; start the bridge'
+            return False, self._driver.deaf()
         answer = await self._driver.arm.call_async(Trigger.Request())
         if not answer.success:
             self._balancing.stop()

@@ -27,7 +27,7 @@ from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import current_name
 
 from .messages import Status, shoulder_effort
-from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_rivals
+from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_others, name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 
 #: The computer's clock was set if it is off by more than this [s].
@@ -131,9 +131,6 @@ class Bridge(ManagedNode):
             raise ParameterError('sign holds a 0; 1 or -1 is expected for each joint')
         if not s['port']:
             raise ParameterError('port is empty; set it to a path or a pyserial URL')
-
-    def _allow(self, s: dict[str, Any]) -> None:
-        """Refuse a larger torque limit while the motor is armed."""
         if self.opened and self._host.armed and s['torque_limit'] > (limit := self._host.motor.torque_limit):
             raise ParameterError(
                 f'torque_limit is {limit:g} N m, and is not raised while the motor is armed; call ~/disarm first'
@@ -256,12 +253,16 @@ class Bridge(ManagedNode):
 
     def _arm(self, future: Future, now: int) -> None:
         self._arming.append(future)
-        obstacle = name_rivals(self, *self._commands)
+        # Another bridge of this name would be armed by the same call, and obey the same torques.
+        obstacle = name_rivals(self, *self._commands) or name_others(self, self._joint_states)
         if not self.active:
             obstacle = f'the bridge is inactive; call ros2 lifecycle set {self.get_fully_qualified_name()} activate'
         # Not while it ends: the last message to the board has to be the disarm.
-        if obstacle or self.ended.is_set():
-            self._host.output.emit(ArmingEnded(obstacle or 'the bridge is ending'))
+        if self.ended.is_set():
+            obstacle = 'the bridge is ending'
+        if obstacle:
+            self._host.output.emit(ArmingEnded(obstacle))
+            self._host.motor.disarm(now)
         else:
             self._host.arm(now)
 
@@ -272,6 +273,8 @@ class Bridge(ManagedNode):
         return False, f'no board to tell: {self._host.condition(time.monotonic_ns()).text}'
 
     async def _on_confirm_zeros(self) -> tuple[bool, str]:
+        if others := name_others(self, self._joint_states):
+            return False, others
         with self._lock:
             confirmed, message = self._host.confirm_zeros(time.monotonic_ns())
             self._link.write(self._host.output.take_data())

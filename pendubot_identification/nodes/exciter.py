@@ -159,6 +159,8 @@ class Exciter(SettingsNode):
                 f'waiting for {bridge}/arm, which nobody serves: start the bridge or, if its node has another name, '
                 'remap bridge/arm and bridge/disarm'
             )
+        if self._driver.publisher is not None and not self._driver.is_heard():
+            return f'waiting: {self._driver.deaf()}'
         if now > self._recorded:
             return f'waiting for a recorder of {name}: start it'
         return '' if self._arms else f'waiting to be armed: call {bridge}/arm'
@@ -166,7 +168,7 @@ class Exciter(SettingsNode):
     def _begin(self) -> None:
         """Excite from the next sample on, unless others may still be found to drive, or nothing records it."""
         now = time.monotonic()
-        if not (self._running or self.ended.is_set() or self._driver.publisher is None or now > self._recorded):
+        if not (self._running or self.ended.is_set() or now > self._recorded) and self._driver.is_heard():
             self._running, self._since = True, now
 
     def _on_armed(self, future: Future) -> None:

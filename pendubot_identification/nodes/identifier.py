@@ -148,7 +148,7 @@ class Identifier(ManagedNode):
             name = self.get_fully_qualified_name()
             return Level.ERROR, f'the identifier is inactive; call ros2 lifecycle set {name} activate'
         if self._outcome is not None and not self._outcome.done():
-            return Level.ERROR, 'an identification is under way; wait for its result on /pendubot/identification'
+            return Level.ERROR, 'an identification is under way; wait for its result on pendubot/identification'
         if not _named(s['bags']):
             return Level.ERROR, 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
         return await self._start(s, goal)

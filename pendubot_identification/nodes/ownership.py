@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from rclpy.task import Future
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
@@ -20,6 +21,11 @@ EFFORT_COMMAND = 'pendubot/effort_command'
 JOINT_COMMANDS = 'pendubot/joint_commands'
 #: The name that rmw gives an endpoint's node before it is known, and how long that may take [s].
 UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
+
+
+def _full_name(info: TopicEndpointInfo) -> str:
+    """Return the name of an endpoint's node with its namespace."""
+    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
 def _name_publishers(node: Node, topics: Sequence[str], count: int, wait: bool) -> str:
@@ -31,7 +37,7 @@ def _name_publishers(node: Node, topics: Sequence[str], count: int, wait: bool) 
     while True:
         infos = [info for topic in topics for info in node.get_publishers_info_by_topic(topic)]
         known = [each for each in infos if each.node_name != UNKNOWN]
-        names = sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in known)
+        names = sorted(map(_full_name, known))
         if len(names) >= count or time.monotonic() >= deadline:
             break
         time.sleep(0.02)
@@ -55,6 +61,12 @@ def name_rivals(node: Node, *subscriptions: Subscription, wait: bool = False) ->
     return _name_publishers(node, [each.topic_name for each in subscriptions], count, wait) if count > 1 else ''
 
 
+def name_others(node: Node, publisher: Publisher) -> str:
+    """Return a sentence that names the publishers of a topic if a node's own is not the only one, else ''."""
+    count = node.count_publishers(publisher.topic_name)
+    return _name_publishers(node, [publisher.topic_name], count, wait=False) if count > 1 else ''
+
+
 class Driver:
     """A node's way to a bridge: its effort commands, from :meth:`begin` on, and the services that arm and disarm.
 
@@ -76,14 +88,22 @@ class Driver:
         if self.publisher is None:
             self.publisher = self._node.create_publisher(Float64, EFFORT_COMMAND, 1)
 
-    def is_heard(self) -> bool:
-        """Wait, for ``PATIENCE`` at most, until somebody receives the effort commands; return whether they do."""
-        deadline = time.monotonic() + PATIENCE
-        while self.publisher is not None and not self.publisher.get_subscription_count():
-            if time.monotonic() > deadline:
-                return False
+    def is_heard(self, patience: float = 0.0) -> bool:
+        """Return whether the bridge receives the effort commands, as recorders may, too; wait for it so long [s]."""
+        deadline = time.monotonic() + patience
+        while self.publisher is not None:
+            infos = self._node.get_subscriptions_info_by_topic(self.publisher.topic_name)
+            if self.publisher.get_subscription_count() and self.bridge in map(_full_name, infos):
+                return True
+            if time.monotonic() >= deadline:
+                break
             time.sleep(0.01)
-        return True
+        return False
+
+    def deaf(self) -> str:
+        """Return a sentence on a bridge that does not receive the effort commands."""
+        topic = self._node.resolve_topic_name(EFFORT_COMMAND)
+        return f'{self.bridge} does not subscribe to {topic}: remap {EFFORT_COMMAND} as you did for the bridge'
 
     def end(self) -> None:
         """Publish no effort commands from now on."""

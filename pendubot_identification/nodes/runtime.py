@@ -47,8 +47,8 @@ AUTOSTART = Setting('autostart', True, 'whether it becomes active by itself; oth
 
 
 def descriptor(setting: Setting) -> ParameterDescriptor:
-    """Return the ROS descriptor of a setting: description with unit, range, and whether it can change."""
-    made = ParameterDescriptor(name=setting.name, description=setting.help(), read_only=not setting.dynamic)
+    """Return the ROS descriptor of a setting: description with unit, and range."""
+    made = ParameterDescriptor(name=setting.name, description=setting.help())
     default, low, high = setting.default, setting.minimum, setting.maximum
     if setting.choices or isinstance(default, list):
         made.additional_constraints = setting.expected()
@@ -62,6 +62,21 @@ def descriptor(setting: Setting) -> ParameterDescriptor:
     return made
 
 
+def _as_number(given: Parameter, setting: Setting | None) -> Parameter:
+    """Return a parameter as its setting has it, with a decimal point, where it came without: ``1``, or 1e-09 as a text.
+
+    Without a dot that is no number in YAML 1.1; ``ros2 param`` sets it, and a list with it, as a text.
+    """
+    value, kind = given.value, type(setting.default) if setting else None
+    with suppress(ValueError, TypeError):
+        if kind is float and type(value) in (int, str):
+            return Parameter(given.name, value=float(value))
+        if kind is list and setting is not None and isinstance(setting.default[0], float):
+            parts = value.strip('[]').split(',') if isinstance(value, str) else value
+            return Parameter(given.name, value=[float(each) for each in parts])
+    return given
+
+
 class SettingsNode(Node):
     """A node whose parameters are a table of :class:`Setting` and which ends cleanly.
 
@@ -73,7 +88,10 @@ class SettingsNode(Node):
     SETTINGS: tuple[Setting, ...]
 
     def __init__(self, ended: Shutdown) -> None:
-        super().__init__(self.PROGRAM)
+        try:
+            super().__init__(self.PROGRAM)
+        except ParameterException as error:  # of ROS's own parameters, such as use_sim_time
+            raise ParameterError(str(error)) from error
         self.exit_status = 0
         self.ended = ended
 
@@ -86,14 +104,18 @@ class SettingsNode(Node):
         files = [path for option, path in pairwise(sys.argv) if option == '--params-file']
         for path in files:
             refuse_untaken(path, self.get_fully_qualified_name())
-        for setting in self.SETTINGS:
+        given, known = self._parameter_overrides, {setting.name: setting for setting in self.SETTINGS}
+        given |= {name: _as_number(given[name], known[name]) for name in known.keys() & given.keys()}
+        for name, setting in known.items():
+            described = descriptor(setting)
+            described.read_only = self._is_read_only(setting)
             try:
-                self.declare_parameter(setting.name, setting.default, descriptor(setting))
+                self.declare_parameter(name, setting.default, described)
             except ParameterException as error:
-                raise setting.refusal(self._parameter_overrides[setting.name].value) from error
+                raise setting.refusal(given[name].value) from error
         self._refuse_unknown(files)
         self._refuse_senseless(self.settings())
-        self.add_pre_set_parameters_callback(lambda changed: [self._as_number(p) for p in changed])
+        self.add_pre_set_parameters_callback(lambda changed: [_as_number(p, known.get(p.name)) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
         self.add_post_set_parameters_callback(lambda _: self._change(self.settings()))
 
@@ -116,11 +138,12 @@ class SettingsNode(Node):
             values[setting.name] = setting.of_ros(value)
         return values
 
-    def _check(self, s: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together, by ParameterError."""
+    def _is_read_only(self, setting: Setting) -> bool:
+        """Return whether a setting counts at the start of the program alone."""
+        return not setting.dynamic
 
-    def _allow(self, s: dict[str, Any]) -> None:
-        """Refuse a change to these settings at this moment, by ParameterError."""
+    def _check(self, s: dict[str, Any]) -> None:
+        """Refuse settings that make no sense together, or at this moment, by ParameterError."""
 
     def _change(self, s: dict[str, Any]) -> None:
         """Apply changed settings."""
@@ -191,25 +214,10 @@ class SettingsNode(Node):
             setting.check(values[setting.name])
         self._check(values)
 
-    def _as_number(self, given: Parameter) -> Parameter:
-        """Return a parameter as numbers where it has them as text: ``ros2 param`` sets 1e-09, and a list with it, so.
-
-        Without a dot that is no number in YAML 1.1.
-        """
-        wanted = self.get_parameter_or(given.name).type_
-        if given.type_ is Parameter.Type.STRING:
-            with suppress(ValueError):
-                if wanted is Parameter.Type.DOUBLE:
-                    return Parameter(given.name, value=float(given.value))
-                if wanted is Parameter.Type.DOUBLE_ARRAY:
-                    return Parameter(given.name, value=[float(each) for each in given.value.strip('[]').split(',')])
-        return given
-
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
         try:
             s = self.settings(changed)
             self._refuse_senseless(s)
-            self._allow(s)
         except PendubotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -294,6 +302,18 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         self.end(1)
         return TransitionCallbackReturn.FAILURE
 
+    def _is_read_only(self, setting: Setting) -> bool:
+        return setting is AUTOSTART
+
+    def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
+        """Refuse what counts from the configuring on while the node is configured."""
+        fixed = {setting.name for setting in self.SETTINGS if not setting.dynamic}
+        if self.opened and (names := [each.name for each in changed if each.name in fixed]):
+            how = f'ros2 lifecycle set {self.get_fully_qualified_name()} deactivate, then cleanup'
+            reason = f'{names[0]} is read when the node is configured; before you set it call {how}'
+            return SetParametersResult(successful=False, reason=reason)
+        return super()._on_set(changed)
+
     def _attempt(self, action: Callable[[], None]) -> TransitionCallbackReturn:
         """Do something; a failure leaves the state as it was."""
         try:
@@ -309,10 +329,9 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         """Refuse a transition that the state does not have; rclpy would end the program, and so disarm a rig."""
         try:
             return self._change_state(request, response)
-        except rclpy_implementation.RCLError as error:
-            self.get_logger().warning(
-                f'this transition is not possible now ({error}); ros2 lifecycle list names others'
-            )
+        except rclpy_implementation.RCLError:
+            name = self.get_fully_qualified_name()
+            self.get_logger().warning(f'this transition is not possible now; ros2 lifecycle list {name} names others')
             response.success = False
             return response
 
@@ -343,6 +362,7 @@ usage: {name} [--help] [--debug] [--ros-args -p NAME:=VALUE ... --params-file FI
 
 parameters:
 {parameters}
+a VALUE is YAML: give a text that holds : in quotes of its own, -p "bags:=['swing@0:9']"
 names of topics and services are relative: -r __ns:=/lab1 puts them and the node under /lab1
 commented parameter file: {resource(f'config/{name}.yaml')}
 

@@ -67,7 +67,7 @@ WRONG_USAGE = {
     'identify x --settings often.yaml': 'runs is often; a whole number from 1 to 100000 is expected',
     'identify x --settings vector.yaml --optimizer lsq': 'per_vector is of MDE, and --optimizer lsq does without',
     'identify x@9:2': 'names no window',
-    'identify x --torque-constant=-1': 'torque_constant is -1.0; a number with a decimal point from 0 to',
+    'identify x --torque-constant=-1': 'torque_constant is -1.0; a number from 0 to',
     'identify x --joints arm,arm': 'names 1 joints; two are expected, such as shoulder,elbow',
     'identify x --fix b2': "b2 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0",
     'identify x --bounds P1=a:1': "P1 'a:1' is not understood; LOW:HIGH or one number is expected",

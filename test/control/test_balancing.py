@@ -112,7 +112,9 @@ def running():
     [
         (lambda b: (upright(b, 1.015, now=1.1), upright(b, 1.02, now=1.13)), r'a sample is 0\.110 s old'),
         (lambda b: upright(b, 1.015, now=math.nan), 'a sample is nan s old'),
-        (lambda b: upright(b, 1.3, now=1.015), 'passed between two samples'),
+        # With use_sim_time and no /clock, or after the computer's clock was set back, no sample would ever be old.
+        (lambda b: upright(b, 1.2, now=1.015), r'a sample is -0\.185 s old; .* look at the clocks and at use_sim_time'),
+        (lambda b: upright(b, 1.115, now=1.06), 'passed between two samples'),
         (lambda b: b.silence(1.2), r'no sample for 0\.190 s'),
         (lambda b: upright(b, 1.015, now=1.2), r'no sample for 0\.190 s'),
     ],

@@ -20,7 +20,7 @@ from .emulator import Line
     [
         (['--rate', '0'], '--rate is 0; a number from 1 to 10000 is expected'),
         (['--fault', 'bit_flip=2'], 'bit_flip is 2; a number from 0 to 1 is expected'),
-        (['--fault', 'rust=1'], 'no fault rust=1'),
+        (['--fault', 'rust=1'], 'no fault or limit rust=1'),
         (['--nonsense'], 'usage: pendubot_board'),
     ],
 )

@@ -416,8 +416,12 @@ def test_a_limit_that_the_board_does_not_keep_disarms(limits, state, named):
 
 def test_the_board_is_told_of_confirmed_zeros_until_it_says_so_and_what_it_says_counts_for_every_host():
     wire = Wire(HostConfig())
-    assert wire.host.confirm_zeros(0) == (False, 'no angle comes from the board; look at the bridge')
-    wire.states(110)
+    closed = Host()
+    closed.closed('the port x is missing', 0)
+    assert closed.confirm_zeros(0) == (False, 'no angle comes: the port x is missing')
+    wire.states(10)
+    assert 'were not at rest for a second (q1 = ' in wire.host.confirm_zeros(wire.now)[1]
+    wire.states(100)
     wire.sent()
     assert wire.host.confirm_zeros(wire.now)[0]
     wire.states(6)
@@ -499,7 +503,7 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
         (lambda wire: [e for _ in range(12) for e in wire.wait(10)], 'link lost', {'link_losses': 1}),
         (
             lambda wire: wire.state(**wire.obeyed | {'status': Status.WATCHDOG}),
-            "the board's watchdog tripped",
+            "disarmed: the board's watchdog tripped",
             {'trips': 1},
         ),
         (

@@ -67,6 +67,19 @@ def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
 
+def test_a_second_publisher_of_joint_states_keeps_it_from_being_armed(rig, stranger):
+    """Two bridges of one name: one call to arm, and one controller, would move both rigs."""
+    r, _ = running(rig)
+    other = stranger.create_publisher(JointState, '/joint_states', 1)
+    answers = []
+    r.until(lambda: answers.append(r.call('arm')) or not answers[-1].success)
+    assert '/joint_states has 2 publishers: ' in answers[-1].message
+    assert r.call('confirm_zeros').message.startswith('/joint_states has 2 publishers: ')
+    r.until(lambda: not r.trace()[-1, 4] & ARMED)
+    stranger.destroy_publisher(other)
+    r.until(lambda: r.call('arm').success)
+
+
 def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
     profile = tmp_path / 'short.xml'
     profile.write_text(LEASE)

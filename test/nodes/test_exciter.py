@@ -138,6 +138,8 @@ def test_waits_for_the_first_sample_and_stops_when_no_more_come(ros):
     node.create_service(Trigger, '/arming/bridge/arm', lambda _, answer: asked.append(1) or answer)
     samples = {name: node.create_publisher(JointState, f'/{name}/joint_states', 10) for name in ('armed', 'arming')}
     node.create_subscription(Float64, '/armed/pendubot/effort_command', lambda m: torques.append(m.data), 100)
+    bridge = ros.create_node('bridge', namespace='armed')
+    bridge.create_subscription(Float64, 'pendubot/effort_command', print, 1)
 
     def started(name, **values):
         return Program('exciter', *parameters(duration=0.0, **values), '-r', f'__ns:=/{name}')
@@ -154,4 +156,5 @@ def test_waits_for_the_first_sample_and_stops_when_no_more_come(ros):
         assert spin_until(node, lambda: samples['armed'].publish(JointState()) or torques), armed.output
         assert spin_until(node, lambda: armed.process.poll() == 1, 20.0), armed.output
         armed.wait_for('stopped: no joint states for 2')
+    bridge.destroy_node()
     node.destroy_node()

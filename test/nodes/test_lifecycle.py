@@ -8,6 +8,8 @@ import shutil
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from pendubot_identification.recordings.bag_reader import read_trajectory
@@ -33,6 +35,12 @@ class Manager(Observer):
         before = self.state(node)
         made = self.call(ChangeState, f'/{node}/change_state', transition=Transition(label=label)).success
         return made or self.state(node) != before
+
+    def set(self, node, name, value):
+        """Set a parameter; return why it was refused, '' if it was not."""
+        message = Parameter(name, value=value).to_parameter_msg()
+        (result,) = self.call(SetParameters, f'/{node}/set_parameters', parameters=[message]).results
+        return '' if result.successful else result.reason
 
 
 @pytest.fixture
@@ -66,10 +74,12 @@ def test_a_node_that_cannot_be_configured_says_why_and_stays_as_it_was(manager, 
         assert not manager.change('recorder', 'configure')
         program.wait_for(f'{tmp_path} exists already')
         assert manager.state('recorder') == 'unconfigured'
-        tmp_path.rmdir()
+        assert not manager.set('recorder', 'output', str(tmp_path / 'bag'))
         assert manager.change('recorder', 'configure'), program.output
+        reason = manager.set('recorder', 'output', str(tmp_path / 'other'))
+        assert reason.startswith('output is read when the node is configured; before you set it call ros2 lifecycle')
         assert program.stop() == 0
-    assert (tmp_path / 'metadata.yaml').exists()
+    assert (tmp_path / 'bag' / 'metadata.yaml').exists()
 
 
 def test_deactivating_the_bridge_disarms_and_only_an_active_bridge_is_armed(rig, manager):

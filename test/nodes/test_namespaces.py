@@ -96,7 +96,11 @@ def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_
         )
     assert not armed_or_moved(trace())
     remapped = [f'bridge/{service}:=my_bridge/{service}' for service in ('arm', 'disarm')]
-    with Program('exciter', *options, *(word for rule in remapped for word in ('-r', rule))) as exciter:
+    options += [word for rule in remapped for word in ('-r', rule)]
+    with Program('exciter', *options, '-r', 'pendubot/effort_command:=u') as exciter:
+        exciter.wait_for('waiting: /lab2/my_bridge does not subscribe to /lab2/u: remap pendubot/effort_command as')
+    assert not armed_or_moved(trace()), 'nobody would move the rig that it excites'
+    with Program('exciter', *options) as exciter:
         exciter.wait_for('excitation done')
         assert exciter.process.wait(10) == 0
     assert armed_or_moved(trace())

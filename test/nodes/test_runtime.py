@@ -28,12 +28,16 @@ BAG = ROOT / 'bags' / 'paper_experiment'
 REFUSED = [
     ('bridge', {'prt': 1.0}, 'bridge: bridge has no parameter prt; is port meant? --help lists them all'),
     # Degrees are no radians.
-    ('bridge', {'zero': '[-90.0, 0.0]'}, 'zero is -90.0; a list of numbers with decimal points from -7 to 7 rad is'),
+    ('bridge', {'zero': '[-90.0, 0.0]'}, 'zero is -90.0; a list of numbers from -7 to 7 rad is'),
     ('bridge', {'sign': '[1, 0]'}, 'sign holds a 0'),
     ('bridge', {'port': "''"}, 'port is empty'),
     ('bridge', {'joint_names': '[a, a]'}, 'different names'),
     ('exciter', {'amplitude_min': 1.0, 'amplitude_max': -1.0}, 'amplitude_min 1 is not below amplitude_max -1'),
     ('exciter', {'period': 'soon'}, 'period is soon'),
+    ('exciter', {'use_sim_time': 1}, "'use_sim_time' to '1' of type 'INTEGER', expecting type 'BOOL'"),
+    # Whole numbers and 1e9, which is a text in YAML 1.1, are numbers.
+    ('exciter', {'period': 7, 'hold': '1e9'}, 'hold is 1000000000.0; a number from 0.0001 to 60 s is expected'),
+    ('bridge', {'zero': '[0, 9]'}, 'zero is 9.0; a list of numbers from -7 to 7 rad is expected'),
     ('recorder', {'output': '/dev/null/bag'}, 'cannot be written'),
     ('recorder', {'topics': '["two words"]'}, 'a name such as joint_states is expected'),
     ('recorder', {'topics': '[""]'}, 'name at least one topic'),
@@ -109,7 +113,7 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
         refused = {name for name, result in zip(names, results, strict=True) if not result.successful}
         # The first one is ROS's own, and of no node can it be set; the second one counts at the start alone.
         assert refused <= {'start_type_description_service', 'autostart'}
-        for text, taken in (('1e-8', True), ('.nan', False), ('many', False), ('[1e-8]', False)):
+        for text, taken in (('0', True), ('1e-8', True), ('.nan', False), ('many', False), ('[1e-8]', False)):
             typed = ParameterMessage(name='spread', value=get_parameter_value(text))
             (result,) = answer(client.set_parameters([Parameter.from_parameter_msg(typed)])).results
             assert result.successful == taken, text

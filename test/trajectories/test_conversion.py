@@ -67,7 +67,7 @@ def test_changes_without_options_are_not_corrected():
         ({'offset': 'q1'}, "--offset 'q1' is not understood"),
         ({'offset': 'q1=x'}, '--offset q1=x is not understood; a number is expected'),
         ({'swap': 'elbows'}, 'swap is elbows; one of nothing, joints, positions, efforts is expected'),
-        ({'torque_constant': 'k'}, 'torque_constant is k; a number with a decimal point from 0 to 1000000 N m/A is'),
+        ({'torque_constant': 'k'}, 'torque_constant is k; a number from 0 to 1000000 N m/A is'),
         ({'colour': 'red'}, "'colour' is no option of the conversion"),
     ],
 )
