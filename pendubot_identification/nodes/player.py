@@ -29,7 +29,7 @@ from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from .messages import joint_sample
 from .runtime import JOINTS, SettingsNode, run
-from .topics import message_class, weakest
+from .topics import as_recorded, message_class
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
@@ -80,8 +80,8 @@ class Player(SettingsNode):
 
     PROGRAM = 'player'
     SUMMARY = (
-        "Publishes a bag's messages byte for byte, with the reliability and durability and at the pace at which they "
-        'were recorded, on their topics or, in a namespace, on these topics within it; then it ends. Effort commands '
+        "Publishes a bag's messages byte for byte, with the quality of service and at the pace at which they were "
+        'recorded, on their topics or, in a namespace, on these topics within it; then it ends. Effort commands '
         '(std_msgs/Float64) would move an armed rig: they are played only where topics names them. ros2 bag play does '
         'more, where there is one.'
     )
@@ -153,10 +153,10 @@ class Player(SettingsNode):
         return name if name in SHARED or name.startswith(f'{namespace}/') else namespace + name
 
     def _qos(self, name: str) -> QoSProfile:
-        """Return the weakest reliability and durability with which a topic of the bag was offered."""
+        """Return the quality of service of a topic of the bag."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
         texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
-        return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
+        return as_recorded([profile for text in texts for profile in offered_profiles(text)], DEPTH)
 
     def _play(self) -> None:
         try:

@@ -4,14 +4,14 @@
 """Topics of any type: names, message classes, quality of service, and messages fetched as bytes, many at once."""
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
@@ -19,7 +19,7 @@ from pendubot_identification.errors import BagError
 
 BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
 DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
-SECOND = 10**9  #: [ns]
+SECOND, UNLIMITED = 10**9, 2**63 - 1  #: [ns]
 
 
 def message_class(topic: str, type_name: str) -> Any:
@@ -68,6 +68,22 @@ def weakest(profiles: Sequence[Qos], depth: int) -> QoSProfile:
     reliable = all(p.reliability is not QosReliability.BEST_EFFORT for p in profiles)
     latched = bool(profiles) and all(p.durability is QosDurability.TRANSIENT_LOCAL for p in profiles)
     return quality(depth, reliable, latched)
+
+
+def as_recorded(profiles: Sequence[Qos], depth: int) -> QoSProfile:
+    """Return the weakest of the qualities of service in a bag with their longest times and their liveliness."""
+    found = weakest(profiles, depth)
+
+    def longest(times: Iterable[QosTime]) -> Duration:
+        # Zero stands for no limit.
+        return Duration(nanoseconds=max((t.sec * SECOND + t.nsec or UNLIMITED for t in times), default=0))
+
+    found.deadline = longest(p.deadline for p in profiles)
+    found.lifespan = longest(p.lifespan for p in profiles)
+    found.liveliness_lease_duration = longest(p.liveliness_lease_duration for p in profiles)
+    if profiles and all(p.liveliness is QosLiveliness.MANUAL_BY_TOPIC for p in profiles):
+        found.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
+    return found
 
 
 class Fetched(ReentrantCallbackGroup):

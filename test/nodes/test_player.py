@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.interfaces import QosDurability
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
+from rosbags.interfaces import QosDurability, QosLiveliness, QosTime
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
@@ -34,7 +34,14 @@ MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
 TEXT = bytes([0, 1, 0, 0, 4, 0, 0, 0]) + b'abc\0'  #: A std_msgs/String.
 COMMAND = '/pendubot/effort_command'
-LATCHED = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL, depth=1)
+LATCHED = RELIABLE._replace(
+    durability=QosDurability.TRANSIENT_LOCAL,
+    depth=1,
+    deadline=QosTime(7, 5),
+    lifespan=QosTime(3600, 0),
+    liveliness=QosLiveliness.MANUAL_BY_TOPIC,
+    liveliness_lease_duration=QosTime(60, 0),
+)
 
 
 @pytest.fixture
@@ -75,8 +82,9 @@ def test_everything_is_published_as_it_was_recorded(bag, node):
         (offered,) = (each.qos_profile for each in node.get_publishers_info_by_topic('/latched'))
         assert program.process.wait(10) == 0
         program.wait_for('401 messages played')
-    assert offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert offered.reliability == ReliabilityPolicy.RELIABLE
+    assert offered.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    durations = offered.deadline, offered.lifespan, offered.liveliness_lease_duration
+    assert [each.nanoseconds for each in durations] == [7 * 10**9 + 5, 3600 * 10**9, 60 * 10**9]
     sent = by_mcap(bag)
     for topic, came in heard.items():
         assert came == [data for t, _, data in sent if t == topic]
