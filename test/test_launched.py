@@ -82,7 +82,9 @@ def launched(tmp_path):
 def rig(launched, tmp_path):
     """Launches the rig on a virtual board that launch does not know of; returns torque and armed of its last sample."""
     trace, own = tmp_path / 'trace.csv', tmp_path / 'own.yaml'
-    own.write_text('/**/bridge: {ros__parameters: {confirm_zeros: false}}')
+    # Timeouts that outlast what else a busy machine does.
+    patient = {'watchdog_ms': 500, 'link_timeout': 2.0, 'command_timeout': 1.0}
+    own.write_text(yaml.safe_dump({'/**/bridge': {'ros__parameters': {'confirm_zeros': False, **patient}}}))
     given = {'bridge': own, 'port': tmp_path / 'rig', 'output': tmp_path / 'bag', 'arm': 'true', 'view': 'false'}
     words = [f'{name}:={value}' for name, value in {**given, 'duration': 100.0}.items()]
 

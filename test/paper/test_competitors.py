@@ -18,6 +18,7 @@ from pendubot_identification.paper.benchmark_functions import FUNCTIONS
 from pendubot_identification.paper.competitors import CLASSIC, hde, pso
 
 with mock.patch.object(np, 'Infinity', np.inf, create=True):  # numpy 2 has dropped the name
+    pytest.importorskip('swarmops')
     from swarmops import DE, PSO, tools
     from swarmops.Problem import Problem
 
