@@ -16,8 +16,7 @@ pytestmark = pytest.mark.ros
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 NAMES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
 PROFILE = dict.fromkeys(NAMES, str(ROOT / 'config' / 'this_machine.xml'))
-#: The tests' own, which only hastens discovery.
-NO_PROFILE = dict.fromkeys(NAMES, str(ROOT / 'test' / 'discovery.xml'))
+NO_PROFILE = dict.fromkeys(NAMES, '')
 #: Arms the bridge, and says so, or that it found none within some time [s].
 ARM = """
 import sys
