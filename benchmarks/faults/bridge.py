@@ -44,14 +44,21 @@ def live_rig(folder, *board_options):
 
 
 def drive(rig, torque):
-    """Arm and command until the motor obeys; a busy machine may lose the link in between."""
+    """Arm and command until the motor obeys; return how many samples the board's trace then has.
+
+    A busy machine may lose the link in between: then it arms again.
+    """
     deadline = time.monotonic() + 30
 
     def obeys():
         rig.effort(torque)
         return rig.samples[-1][6] == torque
 
-    while not (rig.call('arm').success and spin_until(rig.node, obeys, 3.0)):
+    while True:
+        if rig.call('arm').success and spin_until(rig.node, obeys, 3.0):
+            rows = rig.trace()
+            if rows[-1, 3]:
+                return len(rows)
         assert time.monotonic() < deadline, rig.programs[-1].output
 
 
@@ -108,13 +115,14 @@ def repeating(work, every):
 
 @contextlib.contextmanager
 def commander(rng):
-    """Arms the bridge, then sends random torques, 20 a second, so that something moves."""
+    """Arms the bridge, as soon as it may, then sends random torques, 20 a second, so that something moves."""
     from std_msgs.msg import Float64
     from std_srvs.srv import Trigger
 
     with ros_node('fault_trial_commander') as node:
         publisher = node.create_publisher(Float64, '/pendubot/effort_command', 1)
-        assert call(node, node.create_client(Trigger, '/bridge/arm'), Trigger.Request()).success
+        arm = node.create_client(Trigger, '/bridge/arm')
+        assert spin_until(node, lambda: call(node, arm, Trigger.Request()).success)
         with repeating(lambda: publisher.publish(Float64(data=rng.uniform(-0.4, 0.4))), 0.05):
             yield
 

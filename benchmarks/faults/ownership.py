@@ -83,7 +83,7 @@ def until_off(rig, begun, timeout=20.0):
 def foreign(folder, long):
     """Another program streams commands while the board is locked, disarmed, armed, tripped, and without a bridge."""
     found, seen = {}, {}
-    with tapped_rig(folder, bridge=('watchdog_ms:=500',)) as (rig, tap):
+    with tapped_rig(folder, bridge=PATIENT) as (rig, tap):
 
         def during(state, torque=None):
             rig.diagnoses.clear()
@@ -121,7 +121,7 @@ def usurper(folder, long):
     held = []
     with live_rig(folder) as rig:
         rig.start_board()
-        rig.start_bridge()
+        rig.start_bridge(*PATIENT)
         rig.until_samples(20)
         try:
             port = os.open(rig.port, os.O_WRONLY | os.O_NOCTTY)
@@ -177,8 +177,7 @@ def wires(folder, long):
     for wire, watchdog_ms in cases:
         (place := folder / f'{wire}{watchdog_ms}').mkdir()
         with tapped_rig(place, bridge=(f'watchdog_ms:={watchdog_ms}',)) as (rig, tap):
-            drive(rig, OWN)
-            begun = len(rig.trace())
+            begun = drive(rig, OWN)
             tap.cut = {wire}
             deadline = time.monotonic() + 1.0
             while time.monotonic() < deadline:
@@ -199,9 +198,9 @@ def stuck(folder, _):
         rig.start_board()
         rig.start_bridge(*PATIENT)
         rig.until_samples(20)
-        drive(rig, 0.35)
-        begun = int(np.flatnonzero(rig.trace()[:, 3])[0])
+        begun = drive(rig, 0.1)
         rig.drive_until(0.35, lambda: rig.diagnosed(2, 'stall'))
+        begun += int(np.flatnonzero(rig.trace()[begun:, 3] > 0.3 * MICRO)[0])
         last, stayed = until_off(rig, begun)
     yield 'named, off, and it stays so', f'{stayed}', stayed
     yield 'within the 500 ms of the limit', f'{last} samples', last <= 501
@@ -219,7 +218,7 @@ def runaway(folder, _):
             rig.start_board()
             rig.start_bridge(*PATIENT, *parameters_)
             rig.until_samples(20)
-            assert rig.call('arm').success
+            drive(rig, OWN)
             rig.drive_until(0.6, lambda: rig.diagnosed(2, 'fault'))
             until_off(rig, 0)
             rows = rig.trace()
