@@ -82,7 +82,7 @@ def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(ma
 
         def bridge(range_, profile):
             env = {RANGE: range_, **profile}
-            options = parameters(port=tmp_path / 'board', confirm_zeros='false')
+            options = parameters(port=tmp_path / 'board', confirm_zeros='false', link_timeout=2.0)
             program = Program('bridge', *options, env=env, before=rig)
             program.wait_for('counts per turn')
             return program

@@ -44,21 +44,14 @@ def live_rig(folder, *board_options):
 
 
 def drive(rig, torque):
-    """Arm and command until the motor obeys; return how many samples the board's trace then has.
-
-    A busy machine may lose the link in between: then it arms again.
-    """
+    """Arm and command until the motor obeys; a busy machine may lose the link in between."""
     deadline = time.monotonic() + 30
 
     def obeys():
         rig.effort(torque)
         return rig.samples[-1][6] == torque
 
-    while True:
-        if rig.call('arm').success and spin_until(rig.node, obeys, 3.0):
-            rows = rig.trace()
-            if rows[-1, 3]:
-                return len(rows)
+    while not (rig.call('arm').success and spin_until(rig.node, obeys, 3.0)):
         assert time.monotonic() < deadline, rig.programs[-1].output
 
 
