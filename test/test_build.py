@@ -39,7 +39,9 @@ def run(command, folder, env, timeout=300):
 
 @pytest.mark.build
 @pytest.mark.ros
-@pytest.mark.parametrize('options', [[], ['--symlink-install']], ids=['copied', 'symlinked'])
+@pytest.mark.parametrize(
+    'options', [[], ['--symlink-install', '--packages-select', 'pendubot_identification']], ids=['copied', 'symlinked']
+)
 def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     copied_to(tmp_path / 'src' / 'pendubot_identification')
     env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
@@ -100,6 +102,6 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     env = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
     assert run([sys.executable, '-c', 'import numpy; print(numpy.__version__)'], ROOT, env) == '1.26.4\n'
     run([sys.executable, '-m', 'pytest', '-q', 'test/recordings/test_joint_states.py'], ROOT, env)
-    (tmp_path / 'quick.yaml').write_text('{runs: 2, generations: 300, model: viscous, hold: zero}')
+    (tmp_path / 'quick.yaml').write_text('{criterion: energy, runs: 2, generations: 20, model: viscous, hold: zero}')
     identify = ['identify', 'bags/paper_experiment@0:2', '--settings', str(tmp_path / 'quick.yaml')]
     run([sys.executable, '-m', 'pendubot_identification.cli.main', *identify], ROOT, {**env, 'PENDUBOT_KERNEL': 'off'})
