@@ -9,9 +9,7 @@ import pytest
 
 from test.conftest import ROOT
 
-PACKAGE = [str(ROOT / part) for part in ('docs', 'launch', 'pendubot_identification', 'setup.py')]
-#: Of tests and benchmarks ruff checks the style.
-PLACES = [*PACKAGE, str(ROOT / 'benchmarks'), str(ROOT / 'test')]
+PLACES = [str(ROOT / part) for part in ('benchmarks', 'docs', 'launch', 'pendubot_identification', 'setup.py', 'test')]
 #: Docstrings are in Google's style; the others are what the convention "ament" ignores.
 PEP257 = [f'D{number}' for number in (*range(100, 108), 203, 205, 212, 213, 400, 401, 403, 404, 406, 407, 413, 415)]
 HEADER = '{copyright}\nSPDX-License-Identifier: Apache-2.0\n'
@@ -21,7 +19,7 @@ def test_flake8():
     pytest.importorskip('ament_flake8')
     from ament_flake8.main import main_with_errors as main
 
-    status, errors = main(argv=['--config', str(ROOT / 'setup.cfg'), *PACKAGE])
+    status, errors = main(argv=['--config', str(ROOT / 'setup.cfg'), *PLACES])
     assert status == 0, '\n'.join(errors)
 
 
@@ -29,7 +27,7 @@ def test_pep257():
     pytest.importorskip('ament_pep257')
     from ament_pep257.main import main
 
-    assert main(argv=['--ignore', *PEP257, '--', *PACKAGE]) == 0
+    assert main(argv=['--ignore', *PEP257, '--', *PLACES]) == 0
 
 
 def test_copyright(monkeypatch):
