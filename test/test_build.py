@@ -102,6 +102,6 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     env = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
     assert run([sys.executable, '-c', 'import numpy; print(numpy.__version__)'], ROOT, env) == '1.26.4\n'
     run([sys.executable, '-m', 'pytest', '-q', 'test/recordings/test_joint_states.py'], ROOT, env)
-    (tmp_path / 'quick.yaml').write_text('{criterion: energy, runs: 2, generations: 20, model: viscous, hold: zero}')
+    (tmp_path / 'quick.yaml').write_text('{runs: 2, generations: 300, model: viscous, hold: zero}')
     identify = ['identify', 'bags/paper_experiment@0:2', '--settings', str(tmp_path / 'quick.yaml')]
     run([sys.executable, '-m', 'pendubot_identification.cli.main', *identify], ROOT, {**env, 'PENDUBOT_KERNEL': 'off'})
