@@ -3,7 +3,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint .ci/constraints.txt
+# Python compiles a module at its first import; most of what is installed is never imported.
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint .ci/constraints.txt
+# Extras of the first set-up; CI installs all of them at once.
+EXTRAS ?= ros
 
 .PHONY: demo test coverage lint docs benchmark faults criteria reproduce sample-bag clean
 
@@ -13,13 +16,12 @@ demo: $(VENV)/.ros
 # Three processes, each of one thread: tests of live programs wait while others compute. A test that fails there, because
 # a live program was kept waiting for seconds, is run once more by itself. The fault trials have the machine to themselves.
 PYTEST := PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+AGAIN := --last-failed --last-failed-no-failures none
 TRIALS := test/test_fault_trials.py
 PACKAGE := pendubot_identification
 test: $(VENV)/.test
-	$(PYTEST) --numprocesses 3 --dist worksteal --ignore $(TRIALS) \
-		|| $(PYTEST) --last-failed --last-failed-no-failures none --ignore $(TRIALS)
-	$(PYTEST) --numprocesses 2 --dist worksteal $(TRIALS) \
-		|| $(PYTEST) --last-failed --last-failed-no-failures none $(TRIALS)
+	$(PYTEST) --numprocesses 3 --dist worksteal --ignore $(TRIALS) || $(PYTEST) $(AGAIN) --ignore $(TRIALS)
+	$(PYTEST) --numprocesses 2 --dist worksteal $(TRIALS) || $(PYTEST) $(AGAIN) $(TRIALS)
 
 # The lines that no test reaches; the tests take half as long again.
 coverage: $(VENV)/.test
@@ -58,7 +60,7 @@ sample-bag: $(VENV)/.ros
 $(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/*.c)
 	@echo "Setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(PIP) --editable '.[ros]'
+	@$(PIP) --editable '.[$(EXTRAS)]'
 	@touch $@
 
 # The action's Python module, which colcon builds in a ROS workspace: here compiled, if there is a C++ compiler.
@@ -68,16 +70,16 @@ $(VENV)/.interfaces: $(VENV)/.ros .ci/interfaces.txt .ci/wheels.cmake $(shell fi
 		cmake -S pendubot_interfaces -B $(VENV)/interfaces -DCMAKE_INSTALL_MESSAGE=NEVER \
 			-DCMAKE_PREFIX_PATH=$(abspath $(VENV)) -DCMAKE_INSTALL_PREFIX=$(abspath $(VENV)) -DBUILD_TESTING=OFF \
 			-DPython3_EXECUTABLE=$(abspath $(BIN))/python -DCMAKE_PROJECT_INCLUDE=$(abspath .ci/wheels.cmake) && \
-		cmake --build $(VENV)/interfaces --target install; } > $(VENV)/interfaces.log 2>&1 \
+		cmake --build $(VENV)/interfaces --parallel --target install; } > $(VENV)/interfaces.log 2>&1 \
 		|| echo 'no interface of the action was built, see $(VENV)/interfaces.log: its tests are skipped'
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.ros $(VENV)/.interfaces
-	@$(PIP) --editable '.[ros,test]'
+	@$(if $(findstring test,$(EXTRAS)),,$(PIP) --editable '.[ros,test]')
 	@touch $@
 
 $(VENV)/.docs: $(VENV)/.test
-	@$(PIP) --editable '.[ros,test,docs]'
+	@$(if $(findstring docs,$(EXTRAS)),,$(PIP) --editable '.[ros,test,docs]')
 	@touch $@
 
 $(VENV)/.benchmark: $(VENV)/.test

@@ -3,41 +3,26 @@
 
 """What every test shares: a private ROS domain, temporary logs, and where the real recordings lie, if they do."""
 
-import contextlib
 import importlib.util
 import os
-import random
 import signal
-import socket
 import tempfile
 from pathlib import Path
 
 import hypothesis
 import pytest
 
-
-def own_domain():
-    """Return a domain that no other process of tests on this machine has, and what keeps it while this one lives.
-
-    By the port that ROS's own domain_coordinator takes for it, too.
-    """
-    for domain in random.sample(range(1, 101), 100):
-        keeper = socket.socket()
-        with contextlib.suppress(OSError):
-            keeper.bind(('', 32768 + domain))
-            return domain, keeper
-    raise RuntimeError('a hundred processes test on this machine; wait until one has ended')
-
+from test.domain import take_domain
 
 # Before anything imports rclpy: tests must neither hear nor disturb other ROS programs on this machine, nor each other
 # where several processes run them.
-domain, keeper = own_domain()
-os.environ['ROS_DOMAIN_ID'] = str(domain)
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+take_domain()
+os.environ['RMW_IMPLEMENTATION'] = 'rmw_fastrtps_cpp'
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'  # as the profile says
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
 # By its name of Jazzy, and the one since.
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
-    os.environ.setdefault(name, str(Path(__file__).with_name('discovery.xml')))
+    os.environ[name] = str(Path(__file__).with_name('discovery.xml'))
 
 # Where the tests themselves were started by nohup or in the background, the programs that they start are not.
 signal.signal(signal.SIGHUP, lambda *_: None)

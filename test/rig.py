@@ -56,6 +56,8 @@ class Rig(Observer):
         return self.programs[-1]
 
     def start_board(self, *options):
+        self._read, self._rows = 0, np.empty((0, 5), dtype=np.int64)
+        self.trace_file.unlink(missing_ok=True)
         board = self.start('virtual_board', *self.board_options, '--trace', self.trace_file, *options)
         board.wait_for('virtual board on')
         return board
@@ -97,9 +99,15 @@ class Rig(Observer):
 
     def trace(self):
         """The board's samples so far: t_us, enc1, enc2, torque, status."""
-        lines = self.trace_file.read_text().splitlines(keepends=True)[1:]
-        rows = [line.split(',') for line in lines if line.endswith('\n')]
-        return np.array(rows, dtype=np.int64).reshape(-1, 5)
+        with self.trace_file.open('rb') as file:
+            file.seek(self._read)
+            new = file.read()
+        new = new[: new.rfind(b'\n') + 1]
+        rows = [line.split(b',') for line in new.splitlines()[not self._read :]]
+        self._read += len(new)
+        if rows:
+            self._rows = np.concatenate([self._rows, np.array(rows, dtype=np.int64)])
+        return self._rows
 
     def values(self):
         """What the bridge said last of itself: names and values as text."""

@@ -39,7 +39,9 @@ def run(command, folder, env, timeout=300):
 
 @pytest.mark.build
 @pytest.mark.ros
-@pytest.mark.parametrize('options', [[], ['--symlink-install']], ids=['copied', 'symlinked'])
+@pytest.mark.parametrize(
+    'options', [[], ['--symlink-install', '--packages-select', 'pendubot_identification']], ids=['copied', 'symlinked']
+)
 def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     copied_to(tmp_path / 'src' / 'pendubot_identification')
     env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}

@@ -8,6 +8,7 @@ test_launched.py hands the plans to the real launch library, where that is insta
 
 import importlib
 import re
+import runpy
 from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -54,6 +55,14 @@ def packages(tmp_path, monkeypatch):
     return folder
 
 
+@pytest.fixture
+def unset(monkeypatch):
+    """No variable says which machines take part."""
+    for variable in (RANGE, *PROFILES):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(launching, 'COMMON', runpy.run_module(launching.__name__)['COMMON'])
+
+
 def launch(name, above='', **given):
     """Return the programs by name that a launch file starts with these arguments, included in a namespace."""
     file = launching.launch_file(f'{name}.launch.py')
@@ -74,6 +83,7 @@ def files_and_values(program):
 
 
 @pytest.mark.ros
+@pytest.mark.usefixtures('unset')
 @pytest.mark.parametrize(
     ('name', 'programs'),
     [
@@ -84,10 +94,7 @@ def files_and_values(program):
         ('control', ['bridge', 'recorder', 'robot_state_publisher', *CONTROL]),
     ],
 )
-def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_one_namespace(
-    monkeypatch, name, programs
-):
-    monkeypatch.delenv(RANGE, raising=False)
+def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_one_namespace(name, programs):
     started = launch(name, **NEEDED[name])
     assert list(started) == programs
     for program in {*programs} & {*PROGRAMS} - {'virtual_board'}:
@@ -101,6 +108,7 @@ def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_o
     assert {(each.namespace, each.additional_env[RANGE]) for each in told} == {('lab1', 'SUBNET')}
 
 
+@pytest.mark.usefixtures('unset')
 @pytest.mark.parametrize('name', NEEDED)
 def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_profile_is_there(monkeypatch, name):
     """By a profile of Fast DDS; test_network.py shows what it does."""
@@ -110,9 +118,6 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
         (set_,) = {tuple(each.additional_env.get(variable) for variable in PROFILES) for each in started}
         return set_
 
-    monkeypatch.delenv(RANGE, raising=False)
-    for variable in PROFILES:
-        monkeypatch.delenv(variable, raising=False)
     assert profiles() == (str(ROOT / 'config' / 'this_machine.xml'),) * 2
     assert profiles(discovery='SUBNET') == (None, None)
     for variable in PROFILES:

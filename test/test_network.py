@@ -16,8 +16,7 @@ pytestmark = pytest.mark.ros
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 NAMES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
 PROFILE = dict.fromkeys(NAMES, str(ROOT / 'config' / 'this_machine.xml'))
-#: The tests' own, which only hastens discovery.
-NO_PROFILE = dict.fromkeys(NAMES, str(ROOT / 'test' / 'discovery.xml'))
+NO_PROFILE = dict.fromkeys(NAMES, '')
 #: Arms the bridge, and says so, or that it found none within some time [s].
 ARM = """
 import sys
@@ -83,7 +82,7 @@ def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(ma
 
         def bridge(range_, profile):
             env = {RANGE: range_, **profile}
-            options = parameters(port=tmp_path / 'board', confirm_zeros='false')
+            options = parameters(port=tmp_path / 'board', confirm_zeros='false', link_timeout=2.0)
             program = Program('bridge', *options, env=env, before=rig)
             program.wait_for('counts per turn')
             return program

@@ -12,6 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from test.domain import take_domain
 from test.firmware.building import made
 from test.processes import BOARDS, MODULES
 
@@ -33,8 +34,7 @@ def main():
     if options.board == 'c':
         made('host')
     MODULES['virtual_board'] = BOARDS[options.board]
-    # Trials must neither hear nor disturb other ROS programs.
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    take_domain()
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     missed = False
     print(HEADER, flush=True)

@@ -114,13 +114,14 @@ def repeating(work, every):
 
 @contextlib.contextmanager
 def commander(rng):
-    """Arms the bridge, then sends random torques, 20 a second, so that something moves."""
+    """Arms the bridge, as soon as it may, then sends random torques, 20 a second, so that something moves."""
     from std_msgs.msg import Float64
     from std_srvs.srv import Trigger
 
     with ros_node('fault_trial_commander') as node:
         publisher = node.create_publisher(Float64, '/pendubot/effort_command', 1)
-        assert call(node, node.create_client(Trigger, '/bridge/arm'), Trigger.Request()).success
+        arm = node.create_client(Trigger, '/bridge/arm')
+        assert spin_until(node, lambda: call(node, arm, Trigger.Request()).success)
         with repeating(lambda: publisher.publish(Float64(data=rng.uniform(-0.4, 0.4))), 0.05):
             yield
 

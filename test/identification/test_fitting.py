@@ -103,11 +103,11 @@ def test_a_filter_that_diverges_outside_the_middles_starts_anew(monkeypatch):
     monkeypatch.setattr(fitting, 'fit', fails)
     answer, _ = fitted(recording(800, seed=2))
     assert raised
-    np.testing.assert_allclose(answer.theta[:5], expected.theta[:5], rtol=0.005)
+    np.testing.assert_allclose(answer.theta[:5], expected.theta[:5], rtol=0.01)
 
 
 def test_effects_of_long_recordings_are_searched_in_their_middles_and_confirmed_by_all(monkeypatch):
-    made = rig.record(range(3), [Rig(dead_zone=0.015)] * 3)
+    made = rig.record(range(2), [Rig(dead_zone=0.015)] * 2)
     motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in made]
     real, searched = fitting.find_effects, []
 
@@ -117,10 +117,10 @@ def test_effects_of_long_recordings_are_searched_in_their_middles_and_confirmed_
 
     monkeypatch.setattr(fitting, 'find_effects', find)
     complete, _ = fitted(*motions, effects=True)
-    monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=12.0))
+    monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=8.0))
     in_part, _ = fitted(*motions, effects=True)
-    np.testing.assert_allclose(searched[0], [(0, 9.995)] * 3)
-    np.testing.assert_allclose(searched[1], [(2.9975, 6.9975)] * 3, atol=0.01)
+    np.testing.assert_allclose(searched[0], [(0, 9.995)] * 2)
+    np.testing.assert_allclose(searched[1], [(2.9975, 6.9975)] * 2, atol=0.01)
     for answer in (complete, in_part):
         assert [(found.name, found.accepted) for found in answer.effects] == [('dead zone', True)]
         assert answer.filter_data.measurements == complete.filter_data.measurements

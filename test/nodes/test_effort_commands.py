@@ -84,7 +84,8 @@ def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
     profile = tmp_path / 'short.xml'
     profile.write_text(LEASE)
     r, _ = running(rig)
-    with Program('exciter', *parameters(), env={'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}) as exciter:
+    env = {'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    with Program('exciter', *parameters(), env=env) as exciter:
         exciter.wait_for('waiting to be armed')
         r.until(lambda: r.node.count_publishers(TOPIC) == 1)
         exciter.kill()

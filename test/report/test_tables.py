@@ -80,16 +80,6 @@ def test_a_parameter_is_shown_with_its_interval_and_its_reservations():
     assert {'on its bound', 'undetermined'} <= {row[-1] for row in rows.values() if row}
 
 
-def test_criteria_stand_beside_the_truth_where_it_is_known():
-    result = plain(('weak',))
-    rows = columns(comparison_table(typed(result), TRUTH).text())
-    for name in NAMES[:7]:
-        *cells, true = ' '.join(rows[f'{name} [{result["parameters"][name]["unit"]}]']).replace(' %', '').split()
-        assert float(true) == pytest.approx(TRUTH[name], abs=1e-7)
-        for value, error in (cells[:2], cells[2:]):
-            assert float(error) == pytest.approx(100 * (float(value) / float(true) - 1), abs=0.2)
-
-
 def test_the_papers_answer_stands_beside_the_published_one():
     result, mde = plain(('weak',), 'auto'), plain(*MDE)['criteria']['energy']
     assert parameter_table(typed(result)).head[3] == 'energy'

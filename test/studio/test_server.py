@@ -43,7 +43,7 @@ def studio(tmp_path_factory):
         yield program
 
 
-@pytest.fixture
+@pytest.fixture(scope='module')
 def page(studio):
     page = studio.open()
     yield page
