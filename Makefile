@@ -61,7 +61,7 @@ $(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/
 	@echo "Setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --editable '.[$(EXTRAS)]'
-	@touch $@
+	@echo $(EXTRAS) > $@
 
 # The action's Python module, which colcon builds in a ROS workspace: here compiled, if there is a C++ compiler.
 $(VENV)/.interfaces: $(VENV)/.ros .ci/interfaces.txt .ci/wheels.cmake $(shell find pendubot_interfaces -type f)
@@ -75,11 +75,11 @@ $(VENV)/.interfaces: $(VENV)/.ros .ci/interfaces.txt .ci/wheels.cmake $(shell fi
 	@touch $@
 
 $(VENV)/.test: $(VENV)/.ros $(VENV)/.interfaces
-	@$(if $(findstring test,$(EXTRAS)),,$(PIP) --editable '.[ros,test]')
+	@grep --quiet test $(VENV)/.ros || $(PIP) --editable '.[ros,test]'
 	@touch $@
 
 $(VENV)/.docs: $(VENV)/.test
-	@$(if $(findstring docs,$(EXTRAS)),,$(PIP) --editable '.[ros,test,docs]')
+	@grep --quiet docs $(VENV)/.ros || $(PIP) --editable '.[ros,test,docs]'
 	@touch $@
 
 $(VENV)/.benchmark: $(VENV)/.test
