@@ -258,8 +258,7 @@ class Bridge(ManagedNode):
         if not self.active:
             obstacle = f'the bridge is inactive; call ros2 lifecycle set {self.get_fully_qualified_name()} activate'
         # Not while it ends: the last message to the board has to be the disarm.
-        if self.ended.is_set():
-            obstacle = 'the bridge is ending'
+        obstacle = 'the bridge is ending' if self.ended.is_set() else obstacle
         if obstacle:
             self._host.output.emit(ArmingEnded(obstacle))
             self._host.motor.disarm(now)

@@ -93,10 +93,9 @@ class Driver:
         deadline = time.monotonic() + patience
         while self.publisher is not None:
             infos = self._node.get_subscriptions_info_by_topic(self.publisher.topic_name)
-            if self.publisher.get_subscription_count() and self.bridge in map(_full_name, infos):
-                return True
-            if time.monotonic() >= deadline:
-                break
+            heard = self.publisher.get_subscription_count() > 0 and self.bridge in map(_full_name, infos)
+            if heard or time.monotonic() >= deadline:
+                return heard
             time.sleep(0.01)
         return False
 
