@@ -101,7 +101,7 @@ class TableReader:
 
     def _amperes(self, column: str) -> float:
         """Return the unit of a current [A]."""
-        return 1e-3 if self.unit(column) == 'mA' else 1.0
+        return 1e-3 if 'mA' in (self.unit(column), column) else 1.0
 
     @cached_property
     def taken(self) -> dict[str, str]:
