@@ -7,6 +7,7 @@ import hashlib
 import math
 import re
 import shlex
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from functools import cached_property
@@ -32,10 +33,13 @@ class TableSettings:
     longest_interval: float = 0.1  #: Above this interval of samples [s], the unit of time is wrong ...
     usual_interval: float = 0.005  #: ... and the unit that is nearest to this one [s] is proposed.
     since_1970: float = 1e8  #: A later first time [s] counts from 1970.
+    jump: float = 3.0  #: A torque jumps by a fraction of its range that is so many times that of an angle.
     most_repeated: float = 0.05  #: With a larger fraction of repeated times, the times have too few digits.
 
 
 SETTINGS = TableSettings()
+#: Perhaps after a date, whose day and month need no order: one that passes midnight runs back.
+TIME_OF_DAY = re.compile(r'(?:\s*[\d./-]+[\sT,]+)?\s*(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)\s*')
 DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
 
 
@@ -125,9 +129,8 @@ class TableReader:
         """Return the error of missing columns; a column of currents, or numbered columns, may stand for them."""
         names = self.table.names
         likely = {name: _only([c for c in names if quantity_of(c) == name]) for name in quantities}
-        numbered = names == ['1', '2', '3', '4'] and len(quantities) == 4
-        if numbered and (np.diff(self._numbers('1')) > 0).all():
-            likely = dict(zip(REQUIRED, names, strict=True))
+        if len(quantities) == len(REQUIRED) and not any(likely.values()):
+            likely |= self._by_content()
         current = ''
         if likely.get('tau1') == '':
             current = likely['tau1'] = _only([c for c in names if is_current(c, self.unit(c))])
@@ -141,6 +144,24 @@ class TableReader:
             + (' --torque-constant K [N m/A], and --gear N where a gear follows' if current else ''),
             **({'columns': columns} if known else {}),
         )
+
+    def _by_content(self) -> dict[str, str]:
+        """Return the columns of a file of four without usual names; empty if they are not clear.
+
+        Only time always increases, and of the others the torque jumps most, compared with its range. The angles are in
+        their order; the motion shows whether it is wrong.
+        """
+        names = self.table.names
+        columns = [_numbers(cells, comma=True) for cells in self.table.cells]
+        if len(names) != len(REQUIRED) or not all(x.size > 1 and np.isfinite(x).all() for x in columns):
+            return {}
+        steps = {name: np.diff(x) for name, x in zip(names, columns, strict=True)}
+        jumps = {n: np.abs(steps[n]).max() / (np.ptp(x) or 1.0) for n, x in zip(names, columns, strict=True)}
+        times = [name for name in names if (steps[name] > 0).all()]
+        *angles, torque = sorted(set(names) - {*times[:1]}, key=jumps.__getitem__)
+        if len(times) != 1 or jumps[torque] < SETTINGS.jump * jumps[angles[-1]]:
+            return {}
+        return dict(zip(REQUIRED, [*times, *sorted(angles, key=names.index), torque], strict=True))
 
     @cached_property
     def motion(self) -> Trajectory:
@@ -226,13 +247,11 @@ def _numbers(cells: Any, *, comma: bool) -> Array:
 
 
 def _number(cell: str) -> float:
-    """Return a number, or the seconds since 1970 of a date in ISO 8601; NaN for others."""
-    try:
+    """Return a number, the seconds since 1970 of a date in ISO 8601, or those of a time of day; NaN for others."""
+    with suppress(ValueError):
         return float(cell)
-    except ValueError:
-        pass
-    try:
+    with suppress(ValueError):
         date = datetime.fromisoformat(cell.strip().replace('Z', '+00:00'))
-    except ValueError:
-        return math.nan
-    return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp()
+        return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp()
+    clock = TIME_OF_DAY.fullmatch(cell)
+    return 3600 * int(clock[1]) + 60 * int(clock[2]) + float(clock[3].replace(',', '.')) if clock else math.nan
