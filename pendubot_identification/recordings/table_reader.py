@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pendubot_identification.arrays import Array
+from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.errors import TableError
 from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
 from pendubot_identification.trajectories.conversion import Conversion, options
@@ -174,10 +174,8 @@ class TableReader:
         t = given['t'][rows] * conversion.seconds
         if t[0] > SETTINGS.since_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time
-        repeated = np.append(False, np.diff(t) == 0)
-        if 0 < repeated.sum() <= SETTINGS.most_repeated * len(t):
-            self.note = f'{self.path}: {repeated.sum()} of {len(t)} rows repeat the time before; they were left out'
-            rows, t = rows[~repeated], t[~repeated]
+        new, self.note = without_repeats(t, str(self.path))
+        rows, t = rows[new], t[new]
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
             before, time = given['t'][rows[wrong[0] : wrong[0] + 2]]
@@ -226,6 +224,14 @@ class TableReader:
     def _where(self, k: int) -> str:
         """Return the place of row k in the file."""
         return f'{self.path}, {self.table.row} {self.table.rows[k] if self.table.rows else k + 1}'
+
+
+def without_repeats(t: Array | Indices, name: str) -> tuple[Flags, str]:
+    """Return which samples to keep, shape (N,), if few repeat the time before, and a note on the others."""
+    repeated = np.append(False, np.diff(t) == 0)[: len(t)]
+    if not 0 < repeated.sum() <= SETTINGS.most_repeated * len(t):
+        return np.ones(len(t), dtype=bool), ''
+    return ~repeated, f'{name}: {repeated.sum()} of {len(t)} samples repeat the time before; they were left out'
 
 
 def _only(found: list[str]) -> str:
