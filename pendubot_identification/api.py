@@ -161,6 +161,7 @@ def identify(  # noqa: D417
     delay: float | tuple[float, float] = (-0.1, 0.1),
     sliding: float | None = None,
     link_length: float | None = None,
+    link_mass: float | None = None,
     optimizer: Literal['auto', 'mde', 'lsq'] = 'auto',
     start: File | Parameters | None = None,
     seed: int = 1,
@@ -212,6 +213,7 @@ def identify(  # noqa: D417
         delay: how much later than stamped the torque acts [s], or the interval in which it is estimated.
         sliding: window of the criterion energy [s]; None: cumulative.
         link_length: of link 1 by a ruler [m], with which the data are compared.
+        link_mass: of link 2 by scales [kg], which shows a wrong unit or constant of the torque.
         optimizer: of energy and weak; lsq: the exact least-squares answer; auto: mde, compared with lsq.
         start: parameters, or a result file, from which likelihood starts; None: the answer of weak.
         seed: of all random numbers.
