@@ -287,6 +287,7 @@ def test_messages_alone_lead_to_the_same_parameters(columns, identified, expecte
         found = identified(tmp_path / name, '--apply-remedies')
         np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
     assert sorted(found['made_by']['applied']) == sorted(named)
+    assert len({*found['warnings']}) == len(found['warnings'])
     assert any('applied, as the recordings need it' in said for said in found['warnings']) == bool(named)
 
 
