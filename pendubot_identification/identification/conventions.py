@@ -78,9 +78,6 @@ class ConventionSettings:
     #: Density [kg/m^3] of no link, all mass in a cube as wide as its centre is far from its joint: 16 to 80 on large
     #: rigs, 2500 on one of 3 cm.
     dense: float = 5000.0
-    #: Least mass of link 2 by the torque over that by scales: 1 if all of it is far out, 0.75 of a uniform rod.
-    light: float = 0.25
-    heavy: float = 1.2
     #: Error of a link's length, as a fraction of it.
     length: float = 0.1
 
@@ -93,8 +90,8 @@ class Fault:
     """A convention that recordings break.
 
     Attributes:
-        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``,
-            ``mass``, or ``motion`` if the motion fits no pendubot, whatever is corrected.
+        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``, or
+            ``motion`` if the motion fits no pendubot, whatever is corrected.
         found: what is wrong, in words.
         remedy: the expected convention, and what to do.
         level: ERROR where parameters from such recordings are useless, else WARN.
@@ -174,11 +171,7 @@ _ZEROS = (
 
 
 def diagnose(
-    motions: Sequence[Motion],
-    model: str,
-    delay: float = 0.0,
-    expected_link_length: float | None = None,
-    expected_link_mass: float | None = None,
+    motions: Sequence[Motion], model: str, delay: float = 0.0, expected_link_length: float | None = None
 ) -> tuple[Fault, ...]:
     """Name the faults of convention that recordings of one rig have in common; none if they are too short.
 
@@ -190,7 +183,6 @@ def diagnose(
         model: for the link's length alone.
         delay: the known delay of the effort [s], not one that was estimated from these recordings.
         expected_link_length: of link 1 [m], measured.
-        expected_link_mass: of link 2 [kg], measured.
     """
     recordings = _Recordings(tuple(m for m in motions if m.end - m.start > WIDTH + DELAYS[1] - DELAYS[0]), delay)
     if not any(m.recorded.tau.any() for m in recordings.motions):
@@ -203,10 +195,7 @@ def diagnose(
         faults, corrected = [], recordings
     if corrected.unexplained > SETTINGS.poor_fit:
         faults += _unfit(corrected)
-    if unit := [*_wrong_unit(corrected)]:
-        faults += unit
-    elif expected_link_mass is not None and corrected.unexplained < SETTINGS.unfit:
-        faults += _wrong_mass(corrected, expected_link_mass)
+    faults += _wrong_unit(corrected)
     if expected_link_length is not None:
         faults += _wrong_length(corrected, model, expected_link_length)
     return tuple(faults)
@@ -442,19 +431,6 @@ def _wrong_unit(recordings: _Recordings) -> Iterator[Fault]:
             )
             change = Affine.of(T=np.eye(2) / 1000)
             yield Fault('unit', found, 'it must be in N m: divide it by 1000', Level.ERROR, change=change)
-
-
-def _wrong_mass(recordings: _Recordings, expected: float) -> Iterator[Fault]:
-    """Yield that all parameters are too large or too small, as with another unit or constant of the torque."""
-    theta = recordings.criterion.minimum_in_box(BOUNDS)
-    least = theta[4] ** 2 / theta[1] if theta[1] > 0 else math.nan
-    if least < SETTINGS.light * expected or least > SETTINGS.heavy * expected:
-        yield Fault(
-            'mass',
-            f'by the torque link 2 weighs {least:.3g} kg or more, {4 / 3 * least:.3g} kg if it is a uniform rod; '
-            f'{expected:g} kg is expected',
-            'check the unit of the torque, and the torque constant and gear: all parameters are proportional to them',
-        )
 
 
 def _wrong_length(recordings: _Recordings, model: str, expected: float) -> Iterator[Fault]:

@@ -102,7 +102,7 @@ def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
     """Return the faults of the recordings' conventions, with the options that correct them."""
     low, high = run.settings.delays
     model, delay = 'rotor' if run.settings.model == 'auto' else run.settings.model, low if low == high else 0.0
-    faults = diagnose(motions, model, delay, run.settings.link_length, run.settings.link_mass)
+    faults = diagnose(motions, model, delay, run.settings.link_length)
     return with_options(faults, run.settings.reading)
 
 

@@ -100,14 +100,6 @@ def test_good_recordings_have_no_fault_but_that_of_millinewtonmetres(rate, seed)
         assert diagnosed(replace(motion, tau=scale * motion.tau)) == ()
 
 
-@pytest.mark.parametrize(('scale', 'named'), [(1, False), (0.8, False), (30, True), (0.1, True), (1000, True)])
-def test_a_torque_of_another_unit_is_named_if_the_mass_of_link_2_is_known(scale, named):
-    motion, rod = pulses(), 4 / 3 * PAPER.P5**2 / PAPER.P2
-    faults = diagnosed(replace(motion, tau=scale * motion.tau), expected_link_mass=rod)
-    assert [fault.name for fault in faults] == ([{1000: 'unit'}.get(scale, 'mass')] if named else [])
-    assert scale != 30 or f'{30 * rod:.2g}' in faults[0].found
-
-
 def test_a_few_counts_are_no_wrong_unit():
     """At 33 Hz and 300 counts a turn least squares make next to nothing of P2, as if the elbow's link were dense."""
     rig = Parameters(0.01175, 0.00443, 0.00495, 0.085, 0.033, 0.003, 0.0008, Fc1=0.01, Fc2=0.004)
