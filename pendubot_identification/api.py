@@ -159,6 +159,7 @@ def identify(  # noqa: D417
     delay: float | tuple[float, float] = (-0.1, 0.1),
     sliding: float | None = None,
     link_length: float | None = None,
+    link_mass: float | None = None,
     optimizer: Literal['auto', 'mde', 'lsq'] = 'auto',
     start: File | Parameters | None = None,
     seed: int = 1,

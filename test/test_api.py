@@ -136,6 +136,9 @@ def test_a_rig_moves_as_its_terms_say():
     expected = [[RIG.mass_matrix(one) for one in many[0]]]
     np.testing.assert_array_equal(RIG.mass_matrix(many), expected)
     np.testing.assert_allclose(RIG.bias(many, qd)[0, 1], RIG.bias(many[0, 1], qd), rtol=1e-12)
+    for a, b in ((many, qd), (q, many)):
+        pairs = zip(*(np.broadcast_to(each, many.shape)[0] for each in (a, b)), strict=True)
+        np.testing.assert_allclose(RIG.energy(a, b), [[RIG.energy(*pair) for pair in pairs]], rtol=1e-12)
     free = replace(RIG, b1=0.0, b2=0.0)
     assert isinstance(free, Pendubot)
     motion = simulate(free, np.arange(200) * 0.01, q=(0.1, 0.2))

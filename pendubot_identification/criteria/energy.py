@@ -71,7 +71,7 @@ def _sums(recorded: Trajectory, even: Trajectory, smoothing: float, size: int) -
     """Return what multiplies the parameters, and the work [J], summed from the start on, of a recording made even."""
     step = even.interval
     q, qd = differentiate(even.q, step, smoothing)
-    require_plausible_speed(even.name, step * np.arange(len(q), dtype=float), qd, step)
+    require_plausible_speed(even.name, even.t, qd, step)
     # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
     # over the samples as they were recorded: on a grid of other times a torque may be held for no time.
     done = _accumulated((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
@@ -86,8 +86,8 @@ def _sums(recorded: Trajectory, even: Trajectory, smoothing: float, size: int) -
     return np.asarray(phi[:, :size]), work
 
 
-def require_plausible_speed(name: str, elapsed: Array, qd: Array, interval: float) -> None:
-    """Refuse velocities [rad/s], shape (N, 2), at ``elapsed`` seconds of a recording, that no rig can have.
+def require_plausible_speed(name: str, t: Array, qd: Array, interval: float) -> None:
+    """Refuse velocities [rad/s], shape (N, 2), at the times t [s] of a recording, that no rig can have.
 
     ``interval`` is the time between two recorded samples [s].
 
@@ -100,9 +100,9 @@ def require_plausible_speed(name: str, elapsed: Array, qd: Array, interval: floa
         # Angles that jump do so now and then.
         degrees = float(np.median(np.abs(qd).max(axis=1))) > FAST
         raise TrajectoryError(
-            f'{name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.4g} rad/s, '
-            f'{elapsed[np.abs(qd[:, joint]).argmax()]:.3f} s after its start, and at most {limit:.4g} '
-            'is plausible; are its angles in radians, unwrapped and without jumps, and its stamps true?'
+            f'{name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.4g} rad/s at '
+            f'{t[np.abs(qd[:, joint]).argmax()]:.3f} s, and at most {limit:.4g} is plausible; are its '
+            'angles in radians, unwrapped and without jumps, and its stamps true?'
             + (' If they are in degrees, add --degrees' if degrees else ''),
             **({'degrees': 'true'} if degrees else {}),
         )

@@ -46,6 +46,9 @@ class AssessmentSettings:
     #: Difference of P3 / P5 to the elbow's own value, as a fraction of it and in standard errors.
     length: float = 0.25
     length_errors: float = 3.0
+    #: Least mass of link 2 by the torque over that by scales: 1 if all of it is far out, 0.75 of a uniform rod.
+    light: float = 0.25
+    heavy: float = 1.2
     #: P3 squared over the largest value that P1 and P2 allow.
     singular: float = 0.999
     #: Difference of two input delays [s] that are the same: half of the least one that is a fault.
@@ -136,6 +139,8 @@ def assess(
         (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
     if 'zero' not in named:
         reservations += _wrong_zeros(estimate)
+    if 'unit' not in named:
+        reservations += _wrong_mass(estimate, settings.link_mass)
     if not named:  # signs, order, zeros, units, counts and stamps all change the length
         reservations += _wrong_length(estimate, *link_length)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
@@ -255,6 +260,18 @@ def _wrong_length(e: Estimate, length: float, error: float) -> Iterator[str]:
             f'P3 / P5, the length of link 1, is {own:.3g} m here and {length:.3g} m (standard error {error:.2g} m) by '
             "the elbow's own equation, in which the shoulder's torque has no part: check signs and zeros of the "
             'angles and the stamps of the effort'
+        )
+
+
+def _wrong_mass(e: Estimate, expected: float | None) -> Iterator[str]:
+    if expected is None or not e.theta[1] > 0:
+        return
+    least = e.theta[4] ** 2 / e.theta[1]  # (m2 d2)^2 over m2 d2^2 + I2
+    if not SETTINGS.light <= least / expected <= SETTINGS.heavy:
+        yield (
+            f'by the torque link 2 weighs {least:.3g} kg or more, {4 / 3 * least:.3g} kg if it is a uniform rod, and '
+            f'{expected:g} kg is expected: check the unit of the torque, and the torque constant and gear, to which '
+            'all parameters are proportional'
         )
 
 

@@ -79,6 +79,15 @@ DATA = (
         100.0,
         optional=True,
     ),
+    Setting(
+        'link_mass',
+        0.0,
+        'mass of link 2 by scales, against which the unit of the torque is held; by default not known',
+        'kg',
+        1e-4,
+        1e4,
+        optional=True,
+    ),
 )
 HOW = (
     Setting(

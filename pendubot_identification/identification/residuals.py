@@ -114,7 +114,7 @@ def disturbances(rough: Problem) -> Iterator[str]:
         known = filter_data.t[rows] > filter_data.t[rows.start] + SETTINGS.joined
         motion, t = filter_data.motions[filter_data.recording[g]], filter_data.t[rows][large[rows] & known]
         starts = t[np.diff(t, prepend=-math.inf) > SETTINGS.joined]
-        found += [f'{motion.name} at {start - motion.start:.1f} s' for start in starts]
+        found += [f'{motion.name} at {start:.1f} s' for start in starts]
     if found:
         more = f' and {len(found) - SETTINGS.listed} more' if len(found) > SETTINGS.listed else ''
         yield (

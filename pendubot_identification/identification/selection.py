@@ -29,7 +29,6 @@ class EffectSettings:
     Attributes:
         share: fraction of the recordings that are searched; z of all is larger by its root.
         fitted: so many candidates are fitted in full, those whose predicted gain is largest.
-        iterations: of such a fit; the chosen one is then fitted to the end.
         sure: Vuong's z; for a handful of candidates 3 would be significant, but blocks are few and gains uneven.
             Clean simulated rigs and real ones reach 5.9 at most.
         possible: z above which an effect that is not sure is reported.
@@ -39,7 +38,6 @@ class EffectSettings:
 
     share: float = 1.0
     fitted: int = 5
-    iterations: int = 8
     sure: float = 6.0
     possible: float = 4.0
     tried: float = 3.0
@@ -65,10 +63,10 @@ class Problem:
         x, low, high = (np.insert(values, at, new) for values, new in pairs)
         return grown, x, low, high
 
-    def with_effects(self, effects: Sequence[Effect], iterations: int = 20) -> Problem:
+    def with_effects(self, effects: Sequence[Effect]) -> Problem:
         """Return the problem with more effects, solved."""
         like, x, lower, upper = self.extended(effects)
-        return Problem(like, fit(like, x, lower, upper, iterations=iterations, tolerance=0.3), lower, upper)
+        return Problem(like, fit(like, x, lower, upper, tolerance=0.3), lower, upper)
 
 
 def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[tuple[FoundEffect, Problem]]:
@@ -86,9 +84,7 @@ def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[
         selected = _compete(base, left, settings)
         if selected is None:
             break
-        best, problem = selected
-        solved = fit(problem.likelihood, problem.fit.x, problem.lower, problem.upper, iterations=30, tolerance=0.3)
-        base = replace(problem, fit=solved)
+        best, base = selected
         found.append((best, base))
         if not best.accepted:
             break
@@ -106,7 +102,7 @@ def _compete(
     results = []
     for candidate in tried:
         try:
-            problem = base.with_effects([candidate], settings.iterations)
+            problem = base.with_effects([candidate])
         except FloatingPointError:
             continue
         gains = before - problem.fit.evaluation.costs

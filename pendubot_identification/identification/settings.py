@@ -62,6 +62,7 @@ class Settings:
     delays: tuple[float, float] = DELAYS
     start: Parameters | None = None
     link_length: float | None = None
+    link_mass: float | None = None
     population: int | None = None
     generations: int | None = None
     spread: float | None = None

@@ -153,10 +153,8 @@ def energy_terms(q: ArrayLike, qd: ArrayLike) -> Array:
     q1, q2 = _split(q)
     v1, v2 = _split(qd)
     v12 = v1 + v2
-    return np.stack(
-        [v1**2 / 2, v12**2 / 2, v1 * v12 * np.cos(q2), GRAVITY * np.sin(q1), GRAVITY * np.sin(q1 + q2)],
-        axis=-1,
-    )
+    kinetic = v1**2 / 2, v12**2 / 2, v1 * v12 * np.cos(q2)
+    return np.stack(np.broadcast_arrays(*kinetic, GRAVITY * np.sin(q1), GRAVITY * np.sin(q1 + q2)), axis=-1)
 
 
 def dry_friction_terms(qd: ArrayLike, tau: ArrayLike) -> Array:

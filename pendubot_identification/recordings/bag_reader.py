@@ -24,7 +24,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_STATE, JointDecoder, decode_joint_state, stamp_of
 from .mcap_file import FOREVER_NS, McapFile, Messages
-from .table_reader import TableReader
+from .table_reader import TableReader, without_repeats
 from .tables import is_table
 
 
@@ -243,17 +243,19 @@ def read_trajectory(
         LongRecordingError: it is too long to be read at once.
     """
     window, conversion = BagWindow(window) if isinstance(window, Path) else window, conversion or Conversion()
-    reader, taken_as = reader or open_recording(window.path, conversion), ''
+    reader, taken_as, repeats = reader or open_recording(window.path, conversion), '', ''
     if isinstance(reader, TableReader):
         motion, taken_as = replace(window.of(reader.motion), name=str(window)), reader.taken_as
         _require_short(window, motion.t, reader.motion.duration)
     else:
         elapsed_ns, values = _collect(reader, window, conversion)
         _require_short(window, elapsed_ns / 1e9, reader.duration)
+        new, repeats = without_repeats(elapsed_ns, str(window))
+        elapsed_ns, values = elapsed_ns[new], values[new]
         # A velocity is optional in each message.
         velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
         motion = conversion.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], velocities, str(window))
-    note = '; '.join(filter(None, [reader.note, window.cut(float(motion.require_samples().t[-1]))]))
+    note = '; '.join(filter(None, [reader.note, repeats, window.cut(float(motion.require_samples().t[-1]))]))
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, note, taken_as)
 
 

@@ -31,7 +31,9 @@ UNITS = {
 }
 CURRENT_UNITS = 'A', 'mA'
 #: Names and units of a motor current, which is no torque.
-_CURRENT = re.compile(r'i|i[1mq]|amps?|amperes?|.*(current|strom|courant|corriente|电流)\d?')
+_CURRENT = re.compile(
+    r'i|i[1mq]|imotor|(motor)?(amps?|amperes?)|.*(current|strom|courant|corriente|intensite|intensidad|电流)\d?'
+)
 
 
 def split(column: str) -> tuple[str, str]:
@@ -56,12 +58,14 @@ def is_unit(word: str) -> bool:
 
 def quantity_of(column: str) -> str:
     """Return the quantity that a column holds by its usual name; empty if it has none."""
-    plain = unicodedata.normalize('NFKD', split(column)[0].lower())
-    return _QUANTITY.get(re.sub(r'[\s_\-.]|[\u0300-\u036f]', '', plain), '')
+    return _QUANTITY.get(_plain(split(column)[0]), '')
 
 
 def is_current(column: str, unit: str = '') -> bool:
     """Return whether a column holds a motor current, by its name or unit."""
     name, own = split(column)
-    plain = re.sub(r'[\s_\-.]', '', name.lower())
-    return (unit or own) in CURRENT_UNITS or _CURRENT.fullmatch(plain) is not None
+    return (unit or own or name) in CURRENT_UNITS or _CURRENT.fullmatch(_plain(name)) is not None
+
+
+def _plain(name: str) -> str:
+    return re.sub(r'[\s_\-.]|[\u0300-\u036f]', '', unicodedata.normalize('NFKD', name.lower()))

@@ -287,6 +287,9 @@ class McapFile:
                 # A wrong length leads past intact chunks: search from the last intact part on.
                 found = self._next_chunk(intact + 1, end)
                 at = intact if found < at else at
+                # The end of the file may cut the last chunk.
+                part = self._part(at, end, cut=True) if found == end else None
+            if part is None:
                 self.damages.append(Damage(at, found - at))
                 at = found
                 continue
@@ -306,11 +309,14 @@ class McapFile:
             if len(self._index):
                 self.first_ns, self.last_ns = int(self._index[:, 0].min()), int(self._index[:, 1].max())
 
-    def _part(self, at: int, end: int) -> Part | None:
-        """Return the chunk, the records outside of chunks, or the other record at an offset; None if it is damaged."""
+    def _part(self, at: int, end: int, *, cut: bool = False) -> Part | None:
+        """Return the chunk, the records outside of chunks, or the other record at an offset; None if it is damaged.
+
+        With ``cut``, the end may be missing of a chunk.
+        """
         try:
             opcode, length = HEAD.unpack(self._read(at, HEAD.size))
-            size = HEAD.size + length
+            size = min(HEAD.size + length, end - at) if cut and opcode == Opcode.CHUNK else HEAD.size + length
             if at + size > end or not (0 < opcode <= Opcode.DATA_END or opcode >= PRIVATE):
                 return None
             if opcode == Opcode.CHUNK:
@@ -414,11 +420,27 @@ def _unpacked(record: bytes) -> bytes:
     """Return the records in a chunk, decompressed and checked, or raise anything; other records as they are."""
     if record[0] != Opcode.CHUNK:
         return record
+    if len(record) < HEAD.size + int.from_bytes(record[1 : HEAD.size], 'little'):
+        return _unpacked_cut(record)
     chunk = _parsed(Chunk, record[HEAD.size :])
     data = _decompressed(chunk.compression, chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
     if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
         raise ValueError('a chunk is damaged')
     return bytes(data)
+
+
+def _unpacked_cut(record: bytes) -> bytes:
+    """Return the complete records in a chunk whose end is missing, or raise anything. They have no checksum."""
+    stream = ReadDataStream(BytesIO(record[HEAD.size + 16 :]))
+    limit, _, compression, length = stream.read8(), stream.read4(), stream.read_prefixed_string(), stream.read8()
+    data = record[HEAD.size + 16 + stream.count :]
+    if len(data) >= length or limit > LIMITS.decompressed:
+        raise ValueError('nothing is missing, or it is too large')
+    if compression == 'lz4':
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, limit)
+    elif compression:
+        data = zstandard.ZstdDecompressor().stream_reader(BytesIO(data)).read(limit)
+    return data[: max((stop for _, _, stop in _records(data)), default=0)]
 
 
 def _decompressed(compression: str, data: bytes, limit: int) -> bytes:

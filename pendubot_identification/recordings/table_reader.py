@@ -7,6 +7,7 @@ import hashlib
 import math
 import re
 import shlex
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from functools import cached_property
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from pendubot_identification.arrays import Array
+from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.errors import TableError
 from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
 from pendubot_identification.trajectories.conversion import Conversion, options
@@ -32,10 +33,13 @@ class TableSettings:
     longest_interval: float = 0.1  #: Above this interval of samples [s], the unit of time is wrong ...
     usual_interval: float = 0.005  #: ... and the unit that is nearest to this one [s] is proposed.
     since_1970: float = 1e8  #: A later first time [s] counts from 1970.
+    jump: float = 3.0  #: A torque jumps by a fraction of its range that is so many times that of an angle.
     most_repeated: float = 0.05  #: With a larger fraction of repeated times, the times have too few digits.
 
 
 SETTINGS = TableSettings()
+#: Perhaps after a date, whose day and month need no order: one that passes midnight runs back.
+TIME_OF_DAY = re.compile(r'(?:\s*[\d./-]+[\sT,]+)?\s*(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)\s*')
 DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
 
 
@@ -104,7 +108,7 @@ class TableReader:
 
     def _amperes(self, column: str) -> float:
         """Return the unit of a current [A]."""
-        return 1e-3 if self.unit(column) == 'mA' else 1.0
+        return 1e-3 if 'mA' in (self.unit(column), column) else 1.0
 
     @cached_property
     def taken(self) -> dict[str, str]:
@@ -136,9 +140,8 @@ class TableReader:
         """Return the error of missing columns; a column of currents, or numbered columns, may stand for them."""
         names = self.table.names
         likely = {name: _only([c for c in names if quantity_of(c) == name]) for name in quantities}
-        numbered = names == ['1', '2', '3', '4'] and len(quantities) == 4
-        if numbered and (np.diff(self._numbers('1')) > 0).all():
-            likely = dict(zip(REQUIRED, names, strict=True))
+        if len(quantities) == len(REQUIRED) and not any(likely.values()):
+            likely |= self._by_content()
         current = ''
         if likely.get('tau1') == '':
             current = likely['tau1'] = _only([c for c in names if is_current(c, self.unit(c))])
@@ -153,6 +156,24 @@ class TableReader:
             **({'columns': columns} if known else {}),
         )
 
+    def _by_content(self) -> dict[str, str]:
+        """Return the columns of a file of four without usual names; empty if they are not clear.
+
+        Only time always increases, and of the others the torque jumps most, compared with its range. The angles are in
+        their order; the motion shows whether it is wrong.
+        """
+        names = self.table.names
+        columns = [_numbers(cells, comma=True) for cells in self.table.cells]
+        if len(names) != len(REQUIRED) or not all(x.size > 1 and np.isfinite(x).all() for x in columns):
+            return {}
+        steps = {name: np.diff(x) for name, x in zip(names, columns, strict=True)}
+        jumps = {n: np.abs(steps[n]).max() / (np.ptp(x) or 1.0) for n, x in zip(names, columns, strict=True)}
+        times = [name for name in names if (steps[name] > 0).all()]
+        *angles, torque = sorted(set(names) - {*times[:1]}, key=jumps.__getitem__)
+        if len(times) != 1 or jumps[torque] < SETTINGS.jump * jumps[angles[-1]]:
+            return {}
+        return dict(zip(REQUIRED, [*times, *sorted(angles, key=names.index), torque], strict=True))
+
     @cached_property
     def motion(self) -> Trajectory:
         """The complete motion, t from the first sample. May raise TableError."""
@@ -164,10 +185,8 @@ class TableReader:
         t = given['t'][rows] * conversion.seconds
         if t[0] > SETTINGS.since_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time
-        repeated = np.append(False, np.diff(t) == 0)
-        if 0 < repeated.sum() <= SETTINGS.most_repeated * len(t):
-            self.note = f'{self.path}: {repeated.sum()} of {len(t)} rows repeat the time before; they were left out'
-            rows, t = rows[~repeated], t[~repeated]
+        new, self.note = without_repeats(t, str(self.path))
+        rows, t = rows[new], t[new]
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
             before, time = given['t'][rows[wrong[0] : wrong[0] + 2]]
@@ -218,6 +237,14 @@ class TableReader:
         return f'{self.path}, {self.table.row} {self.table.rows[k] if self.table.rows else k + 1}'
 
 
+def without_repeats(t: Array | Indices, name: str) -> tuple[Flags, str]:
+    """Return which samples to keep, shape (N,), if few repeat the time before, and a note on the others."""
+    repeated = np.append(False, np.diff(t) == 0)[: len(t)]
+    if not 0 < repeated.sum() <= SETTINGS.most_repeated * len(t):
+        return np.ones(len(t), dtype=bool), ''
+    return ~repeated, f'{name}: {repeated.sum()} of {len(t)} samples repeat the time before; they were left out'
+
+
 def _only(found: list[str]) -> str:
     return found[0] if len(found) == 1 else ''
 
@@ -239,13 +266,11 @@ def _numbers(cells: Any, *, comma: bool) -> Array:
 
 
 def _number(cell: str) -> float:
-    """Return a number, or the seconds since 1970 of a date in ISO 8601; NaN for others."""
-    try:
+    """Return a number, the seconds since 1970 of a date in ISO 8601, or those of a time of day; NaN for others."""
+    with suppress(ValueError):
         return float(cell)
-    except ValueError:
-        pass
-    try:
+    with suppress(ValueError):
         date = datetime.fromisoformat(cell.strip().replace('Z', '+00:00'))
-    except ValueError:
-        return math.nan
-    return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp()
+        return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp()
+    clock = TIME_OF_DAY.fullmatch(cell)
+    return 3600 * int(clock[1]) + 60 * int(clock[2]) + float(clock[3].replace(',', '.')) if clock else math.nan

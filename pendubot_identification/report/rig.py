@@ -67,7 +67,7 @@ def command(result: Result) -> str:
         'criterion': (','.join(made.criteria), ','.join(usual.criteria)),
         'delay': ('{:g}:{:g}'.format(*made.delays), '{:g}:{:g}'.format(*DELAYS)),
         'sliding': (made.sliding_window, None),
-        'link-length': (made.link_length, None),
+        **{name.replace('_', '-'): (getattr(made, name), None) for name in ('link_length', 'link_mass')},
         'spread': (next((f'{each:g}' for each in spreads if each is not None), None), f'{SPREAD:g}'),
         'start': ('START.yaml' if made.start else None, None),
     }

@@ -257,6 +257,7 @@ class Provenance(Software):
     delays: list[Finite]
     start: list[Finite] | None
     link_length: Number
+    link_mass: Number = None
     seed: int
     lower_bounds: list[Finite]
     upper_bounds: list[Finite]

@@ -293,7 +293,7 @@ const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the larges
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
   ['geared', 'Geared', 'and friction of gears']];
 function method() {
-  const rest = ['hold', 'delay', 'link_length', 'sliding', 'optimizer', 'bounds', 'seed', 'spread', 'start',
+  const rest = ['hold', 'delay', 'link_length', 'link_mass', 'sliding', 'optimizer', 'bounds', 'seed', 'spread', 'start',
     'apply_remedies'];
   return html`${heading('How is it fitted?', 'The defaults suit nearly every rig.')}${state.problem && refusal(state.problem)}
     ${choices('criterion', 'Criterion', CRITERIA)}

@@ -212,7 +212,7 @@ def residual_rows(motion: Motion, begin: float, count: int, settings: SegmentSet
         return _weighted_rows(motion, begin, count, settings)
     nodes = begin + CELL * np.arange((count - 1.0) * _STEP + _REACH + 1)
     states = np.ascontiguousarray(motion.states(nodes))
-    require_plausible_speed(motion.name, nodes - motion.start, states[2:].T, motion.interval)
+    require_plausible_speed(motion.name, nodes, states[2:].T, motion.interval)
     t, tau = motion.recorded.t, motion.recorded.tau[:-1, :1]
     impulse = np.ascontiguousarray(motion.impulse(nodes - settings.delay).T)
     signs = PPoly(np.sign(tau)[None], t).antiderivative()(nodes - settings.delay)[:, 0]

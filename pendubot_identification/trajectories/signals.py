@@ -56,7 +56,7 @@ def resample(trajectory: Trajectory) -> Trajectory:
         raise TrajectoryError(f'{trajectory.name}: {apart}; are its stamps in seconds? record at a higher rate')
     if gaps[widest] > max(LONGEST_GAP, 5 * step):
         raise TrajectoryError(
-            f'{trajectory.name}: {gaps[widest]:.3f} s without a sample begin at {t[widest] - t[0]:.3f} s, where '
+            f'{trajectory.name}: {gaps[widest]:.3f} s without a sample begin at {t[widest]:.3f} s, where '
             f'{step:.4g} s is the usual interval; choose a window on one side of the gap'
         )
     even = np.linspace(t[0], t[-1], len(t))

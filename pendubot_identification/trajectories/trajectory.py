@@ -42,8 +42,7 @@ class Trajectory:
             if bad.size:
                 raise TrajectoryError(
                     f'{self.name}: {bad.size} of {n} samples hold a {label} that is not a finite number, the first at '
-                    f'{self.t[bad[0]] - self.t[0]:.3f} s; choose a window without them, or '
-                    'leave them out: add --skip-missing',
+                    f'{self.t[bad[0]]:.3f} s; choose a window without them, or leave them out: add --skip-missing',
                     skip_missing='true',
                 )
         if not np.isfinite(self.t).all():

@@ -118,9 +118,9 @@ def repeated(file, columns):
     as_text(file, {name: values[rows] for name, values in columns.items()})
 
 
-def dates(columns):
+def dates(columns, how='%Y-%m-%dT%H:%M:%S.%f'):
     first = pandas.Timestamp('2026-05-12 10:00:00')
-    return (first + pandas.to_timedelta((1e6 * columns['t']).round(), unit='us')).strftime('%Y-%m-%dT%H:%M:%S.%f')
+    return (first + pandas.to_timedelta((1e6 * columns['t']).round(), unit='us')).strftime(how)
 
 
 UNITS = 'ms', 'deg', 'deg', 'mNm'
@@ -157,12 +157,24 @@ DISGUISES = {
     'a row of units.xlsx': (excel_with_units, ALL_UNITS, []),
     'a title.csv': (lines_above('Run 7, Monday', 'second try'), {}, ['--skip-rows 2']),
     'no names.csv': (lambda file, c: as_text(file, c, header=False), {}, ['--columns t=1,q1=2,q2=3,tau1=4']),
+    'no usual names.csv': (named('c1', 'c2', 'c3', 'c4'), {}, ['--columns t=c1,q1=c2,q2=c3,tau1=c4']),
+    'no usual names, another order.csv': (
+        lambda file, c: pandas.DataFrame(c)[['q2', 'tau1', 't', 'q1']].to_csv(file, index=False, header=False),
+        {},
+        ['--columns t=3,q1=1,q2=4,tau1=2', '--swap positions'],
+    ),
     'a second sheet.xlsx': (second_sheet, {}, ['--sheet Data']),
     'a title on a second sheet.xlsx': (sheet_with_a_title, ALL_UNITS, ["--sheet 'Messung 1'", '--skip-rows 1']),
     'no names.xlsx': (partial(excel, header=False), {}, ['--columns t=1,q1=2,q2=3,tau1=4']),
     'decimal commas.xlsx': (excel_as_text, {}, ['--decimal comma']),
     'dates.csv': (as_text, {'t': dates}, []),
     'dates as text.xlsx': (excel, {'t': dates}, []),
+    'German dates.csv': (as_text, {'t': partial(dates, how='%d.%m.%Y %H:%M:%S.%f')}, []),
+    'times of day.csv': (
+        partial(as_text, sep=';', decimal=','),
+        {'t': lambda c: dates(c, how='%H:%M:%S.%f').str.replace('.', ',')},
+        ['--decimal comma'],
+    ),
     'dates in UTC.parquet': (parquet, {'t': lambda c: pandas.to_datetime(dates(c) + 'Z')}, []),
     'seconds since 1970.csv': (as_text, {'t': lambda c: 1.7e9 + c['t']}, []),
     'packed.csv.gz': (as_text, {}, []),
@@ -285,6 +297,7 @@ def test_messages_alone_lead_to_the_same_parameters(columns, identified, expecte
         found = identified(tmp_path / name, '--apply-remedies')
         np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
     assert sorted(found['made_by']['applied']) == sorted(named)
+    assert len({*found['warnings']}) == len(found['warnings'])
     assert any('applied, as the recordings need it' in said for said in found['warnings']) == bool(named)
 
 

@@ -48,7 +48,7 @@ def test_options_arrive_from_the_line_and_from_a_file_and_json_is_the_result_alo
     lab = {'hold': 'zero', 'smoothing': 0.03, 'runs': 3, 'generations': '400', 'per-vector': True, 'sliding': 0.3}
     (tmp_path / 'lab.yaml').write_text(yaml.safe_dump(lab))
     options = {'criterion': 'weak,energy', 'hold': 'linear', 'delay': '-0.02:0.004', 'link-length': 0.3, 'seed': 4}
-    options |= {'model': 'viscous', 'settings': tmp_path / 'lab.yaml'}
+    options |= {'link-mass': 0.3, 'model': 'viscous', 'settings': tmp_path / 'lab.yaml'}
     words = [f'--{name}={value}' for name, value in options.items()]
     command = ('identify', made / 'swing', *words, '--bounds', 'P1=0:0.5', '--bounds=P2=0:0.25', '--json')
     status, out, err = run(*command)
@@ -56,6 +56,7 @@ def test_options_arrive_from_the_line_and_from_a_file_and_json_is_the_result_alo
     result = json.loads(out)
     asked = {'criteria': ['weak', 'energy'], 'hold': 'linear', 'delays': [-0.02, 0.004], 'link_length': 0.3, 'seed': 4}
     asked |= {'model': 'viscous', 'smoothing': 0.03, 'sliding_window': 0.3, 'optimizer': 'auto', 'start': None}
+    asked |= {'link_mass': 0.3}
     assert result['made_by'].items() >= asked.items()
     assert result['made_by']['upper_bounds'][:2] == [0.5, 0.25]
     mde = {'runs': 3, 'generations': 400, 'per_component': False}

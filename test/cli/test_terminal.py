@@ -105,6 +105,12 @@ def test_help_is_help(run):
         assert run('help', command) == run(command, '--help')
 
 
+def test_completion_without_shtab_says_what_to_install(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'shtab', None)
+    status, _, err = run('completion', 'bash')
+    assert (status, err.strip().endswith('pip install shtab')) == (1, True)
+
+
 def test_a_shell_completes_subcommands_options_choices_and_files(run, tmp_path):
     pytest.importorskip('shtab')
     for shell in ('zsh', 'fish', 'bash'):

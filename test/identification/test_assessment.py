@@ -81,6 +81,14 @@ def test_a_delay_at_the_end_of_its_search_is_an_error_unless_the_search_was_narr
     assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1)), LENGTH).level is Level.OK
 
 
+@pytest.mark.parametrize(('scale', 'named'), [(1, False), (0.8, False), (30, True), (0.1, True)])
+def test_a_torque_of_another_unit_is_named_if_the_mass_of_link_2_is_known(scale, named):
+    rod, scaled = 4 / 3 * GOOD.theta[4] ** 2 / GOOD.theta[1], replace(GOOD, theta=scale * GOOD.theta)
+    found = assess(scaled, replace(SETTINGS, link_mass=rod), LENGTH).warnings
+    assert any(f'{scale * rod:.3g} kg if it is a uniform rod' in warning for warning in found) == named
+    assert not any('weighs' in warning for warning in assess(scaled, SETTINGS, LENGTH).warnings)
+
+
 @pytest.mark.parametrize(
     ('errors', 'expected'),
     [

@@ -470,3 +470,15 @@ def test_a_real_rig_is_predicted_better_than_by_persistence_and_by_published_par
     assert (own < 0.8 * published).all()
     assert not Parameters.from_vector(result.best.theta).unphysical()
     assert not result.best.exact
+
+
+@pytest.mark.recordings
+def test_half_of_one_recording_of_a_real_rig_agrees_with_all_within_its_intervals():
+    """5 s that were once fitted with a delay of 74 ms and a third of the inertia."""
+    motion = recorded('dfki_A0_sysid', 'train')[0]
+    found = identify([motion[: len(motion) // 2]], [motion[len(motion) // 2 :]]).best
+    of_all = np.array([0.1137, 0.0253, 0.0356, 0.3578, 0.1202])  # with half-widths, as in docs/benchmarks.md
+    both = np.hypot(found.half_width[:5], [0.0044, 0.0008, 0.0011, 0.0142, 0.0023])
+    assert (np.abs(found.theta[:5] - of_all) < both).all()
+    assert (both < of_all / 2).all()
+    assert abs(found.effort.delay) < 0.01

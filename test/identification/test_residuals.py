@@ -66,8 +66,8 @@ def test_a_recording_among_those_of_another_real_rig_is_named():
 def test_encoder_counts_that_are_lost_are_a_disturbance(one_rig):
     q = one_rig[1].q.copy()
     q[250:, 1] += 0.2
-    (said,) = disturbances(rough(one_rig[0], replace(one_rig[1], q=q)))
-    assert said.startswith('a disturbance: take 1 at 2.5 s')
+    (said,) = disturbances(rough(one_rig[0], replace(one_rig[1], t=9 + one_rig[1].t, q=q)))
+    assert said.startswith('a disturbance: take 1 at 11.5 s')
     assert 'encoder counts' in said
 
 

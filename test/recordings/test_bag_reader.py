@@ -217,6 +217,13 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
             read_trajectory(tmp_path / name, Conversion(topic=topic))
 
 
+def test_a_sample_that_repeats_the_stamp_before_is_left_out_with_a_count(tmp_path):
+    path = write(tmp_path / 'bag', samples(100, stamp=lambda k: START + (k - (k in (40, 70))) * STEP))
+    recorded = read_trajectory(path)
+    np.testing.assert_array_equal(recorded.trajectory.tau[[39, 40, 97], 0], [39, 41, 99])
+    assert recorded.note == f'{path}: 2 of 100 samples repeat the time before; they were left out'
+
+
 @pytest.mark.parametrize(
     ('changed', 'error', 'sentence'),
     [

@@ -11,6 +11,16 @@ from pendubot_identification.errors import PendubotError
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test.virtual import recording
+
+
+def write(path, motion):
+    """Write a bag or, by the ending of its name, a file with columns."""
+    if path.suffix:
+        rows = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
+        np.savetxt(path, rows, delimiter=',', header='t,q1,q2,tau1', comments='')
+    else:
+        write_trajectory(path, motion)
 
 
 @pytest.fixture(scope='module')
@@ -19,9 +29,8 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp('recordings')
     t = np.arange(1200) * 0.01
     motion = Trajectory(t, np.column_stack([np.sin(t), np.cos(t)]), np.column_stack([np.sin(3 * t), 0 * t]))
-    write_trajectory(folder / 'bag', motion)
-    rows = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
-    np.savetxt(folder / 'file.csv', rows, delimiter=',', header='t,q1,q2,tau1', comments='')
+    for name in ('bag', 'file.csv'):
+        write(folder / name, motion)
     return folder
 
 
@@ -40,6 +49,16 @@ def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
     ):
         with pytest.raises(PendubotError, match=f'@{window}:? {refused}'):
             load_datasets([f'{path}@{window}'])
+
+
+@pytest.mark.parametrize('name', ['bag', 'file.csv'])
+def test_times_in_messages_count_from_the_first_sample_of_the_file(tmp_path, name):
+    """Also of what is wrong in the half that validates, or in a window."""
+    motion = recording(1200)
+    write(tmp_path / name, motion[(motion.t < 9.0) | (motion.t > 9.9)])
+    for window in ('', '@2:'):
+        with pytest.raises(PendubotError, match=r'0\.920 s without a sample begin at 8\.990 s'):
+            api.identify(f'{tmp_path / name}{window}', criterion='weak')
 
 
 @pytest.mark.parametrize('window', ['', '@:', '@0:', '@2:', '@0:6', '@6:12', '@0:12'])

@@ -1,12 +1,16 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.recordings.bag_reader import BagReader
+from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.survey import regularity, survey_bag
 
 from .bags import START, STEP, samples, write
@@ -44,6 +48,26 @@ def test_latency_needs_stamps_of_the_same_clock(tmp_path, stamp, stamped, latenc
     (topic,) = survey_bag(BagReader(write(tmp_path / 'bag', samples(100, stamp=stamp))))
     assert [topic[name] for name in ('messages', 'lost', 'stamped', 'period', 'repeated')] == [100, 0, stamped, 0.01, 0]
     assert topic['latency'] == topic['latency_max'] == latency
+
+
+MEMORY = """
+import re, sys
+from pendubot_identification.cli.main import main
+main(['info', sys.argv[1]])
+print(re.search(r'VmHWM:\\s+(\\d+) kB', open('/proc/self/status').read())[1])
+"""
+
+
+def test_a_bag_of_160_mb_is_surveyed_in_100_mb(tmp_path):
+    with BagWriter(tmp_path / 'bag') as bag:
+        channel = bag.add_topic('/image', 'std_msgs/msg/String')
+        for k in range(400):
+            bag.write(channel, bytes(400_000), START + k * STEP)
+    assert (tmp_path / 'bag' / 'bag_0.mcap').stat().st_size > 160e6
+    command = [sys.executable, '-c', MEMORY, tmp_path / 'bag']
+    *said, kilobytes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert any('400 messages' in line for line in said)
+    assert int(kilobytes) < 100_000
 
 
 def test_messages_out_of_order_are_surveyed_in_the_order_of_log_time(tmp_path):

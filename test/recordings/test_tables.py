@@ -203,7 +203,8 @@ CURRENTS = {
     **dict.fromkeys(
         ('Motor_Current', 'I', 'tau [A]', 'i_q', 'tau1_A', 'Motorstrom', 'courant', 'corriente', '电流'), 1.0
     ),
-    **dict.fromkeys(('Strom [mA]', 'current_mA'), 1e-3),
+    **dict.fromkeys(('A', 'i_motor', 'motor amps', 'Intensité', 'intensidad'), 1.0),
+    **dict.fromkeys(('Strom [mA]', 'current_mA', 'mA'), 1e-3),
 }
 
 

@@ -176,6 +176,17 @@ def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(op
     assert all(each.is_visible() for each in figures)
 
 
+def test_a_page_of_all_parameters_and_many_warnings_has_room_on_paper(opened, tmp_path):
+    """One page less than four: real rigs have longer tables and figures."""
+    bag, result = swing(), made(model='geared')
+    assert len(result.parameters) > 12
+    warnings = [f'{k}: the rig has unmodelled effects, and what follows takes two lines of the page' for k in range(7)]
+    result = replace(result, warnings=warnings, advice=warnings[:3])
+    with OutputFolder(tmp_path / 'look') as folder:
+        page = opened(write_report(folder, result, ([bag[:400]], [bag[400:1000]]), None, (), lambda *_: None))
+    assert len(re.findall(rb'/Type\s*/Page\b', page.pdf(prefer_css_page_size=True))) <= 3
+
+
 def test_without_javascript_every_figure_stands_there(opened):
     page = opened(java_script_enabled=False)
     figures = page.locator('figure img').all()

@@ -156,7 +156,7 @@ def test_the_result_and_its_table_are_in_the_page():
     [
         '',
         '--criterion energy,weak --model coulomb --optimizer lsq --seed 3 --delay=-0.01:0.02 --bounds b2=0 --sliding 2',
-        '--validate swing@4:6 --criterion weak --hold zero --link-length 0.03 --bounds P1=0:0.5',
+        '--validate swing@4:6 --criterion weak --hold zero --link-length 0.03 --link-mass 0.03 --bounds P1=0:0.5',
         '--criterion weak --model viscous --negate tau1,tau2 --apply-remedies',
     ],
 )

@@ -30,7 +30,8 @@ def test_recordings_are_divided_as_they_were(bags, validate):
 
 
 def test_settings_of_a_result_are_read_back():
-    given = {'sliding': 0.4, 'smoothing': 0.03, 'hold': 'linear', 'delays': (-0.02, 0.01), 'link_length': 0.2}
+    given = {'sliding': 0.4, 'smoothing': 0.03, 'hold': 'linear', 'delays': (-0.02, 0.01)}
+    given |= {'link_length': 0.2, 'link_mass': 0.3}
     bounds = Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9])
     asked = Settings(('weak', 'energy'), 'coulomb', 'lsq', seed=7, bounds=bounds, **given)
     again = settings(assemble_result(replace(identified(('weak',)), settings=asked), []))

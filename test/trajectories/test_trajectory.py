@@ -25,6 +25,7 @@ UNKNOWN = np.where(np.arange(200).reshape(100, 2) == 61, np.nan, 0.0)
 @pytest.mark.parametrize(
     ('what', 'sentence'),
     [
+        ({'t': 4 + np.arange(100) * 0.01, 'q': UNKNOWN}, 'the first at 4.300 s'),
         ({'t': [0, 1, 1, 2]}, 'sample 2 repeats'),
         ({'t': [0, 1, 0.5, 2]}, r'sample 2 runs backwards by 0.5 s'),
         ({'q': np.zeros((99, 2))}, r'q has shape \(99, 2\)'),
