@@ -475,8 +475,8 @@ def fit(
     x: Array,
     lower: Array,
     upper: Array,
-    iterations: int = 30,
-    tolerance: float = 1e-3,
+    iterations: int = 40,
+    tolerance: float = 0.3,
     progress: Callable[[float], None] | None = None,
 ) -> LikelihoodFit:
     """Minimise J within bounds by Fisher scoring with Levenberg and Marquardt's damping.
@@ -487,7 +487,7 @@ def fit(
         lower: bounds; equal ones hold an unknown.
         upper: likewise.
         iterations: at most.
-        tolerance: stop when a step is predicted to gain less than this.
+        tolerance: stop when a step is predicted to gain less than this; 0.5 is about one standard error.
         progress: called with J after every iteration.
     """
     sought = lower < upper

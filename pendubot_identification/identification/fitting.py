@@ -369,7 +369,7 @@ def standardised_innovations(
     x = np.append(known, _first_noise(data, filter_data))
     like = Likelihood(filter_data)
     try:
-        x = fit(like, x, lower, upper, 20, 0.1).x
+        x = fit(like, x, lower, upper).x
     except FloatingPointError as error:
         raise TrajectoryError(
             f'{motions[0].name}: no filter follows this motion with these parameters; choose another window'
@@ -485,7 +485,7 @@ def _first_noise(data: TrainingData, filter_data: FilterData) -> Array:
 
 
 def _fit(like: Likelihood, x: Array, lower: Array, upper: Array, progress: Progress) -> LikelihoodFit:
-    return fit(like, x, lower, upper, 40, 0.05, lambda cost: progress('likelihood: scoring', 0, 0, cost))
+    return fit(like, x, lower, upper, progress=lambda cost: progress('likelihood: scoring', 0, 0, cost))
 
 
 def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Problem:

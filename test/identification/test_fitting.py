@@ -76,10 +76,10 @@ def test_a_held_torque_gives_the_zero_order_hold():
 def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
     real, longest = fitting.fit, [0.15]
 
-    def fails(likelihood, *args):
+    def fails(likelihood, *args, **how):
         if likelihood.filter_data.settings.intervals[-1] > longest[-1]:
             raise FloatingPointError
-        return real(likelihood, *args)
+        return real(likelihood, *args, **how)
 
     monkeypatch.setattr(fitting, 'fit', fails)
     answer, _ = fitted(noisy())
@@ -92,11 +92,11 @@ def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
 def test_a_filter_that_diverges_outside_the_middles_starts_anew(monkeypatch):
     real, raised = fitting.fit, []
 
-    def fails(likelihood, *args):
+    def fails(likelihood, *args, **how):
         if likelihood.levels == 1 and likelihood.filter_data.measurements > 50 and not raised:
             raised.append(likelihood)
             raise FloatingPointError
-        return real(likelihood, *args)
+        return real(likelihood, *args, **how)
 
     expected, _ = fitted(recording(800, seed=2))
     monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=2.0))
