@@ -36,6 +36,9 @@ class IntervalSettings:
     significance: float = 0.05
 
 
+SETTINGS = IntervalSettings()
+
+
 def influence_covariance(
     information: Array,
     slopes: Array,
@@ -44,7 +47,6 @@ def influence_covariance(
     difference: Array,
     *,
     exact: bool,
-    settings: IntervalSettings | None = None,
 ) -> tuple[Array, Array, Array, str]:
     """Return how far the minimum of a composite criterion may be off.
 
@@ -67,13 +69,11 @@ def influence_covariance(
         difference: to the estimate of the shortest interval, shape (D,); 0 if the residual is at the quantization
             level.
         exact: whether it is.
-        settings: see :class:`IntervalSettings`.
 
     Returns:
         Covariance, shape (D, D), NaN where a bound holds; standard errors, shape (D,), of what a bound holds those
         that it would have without; degrees of freedom, shape (D,); in words how they were found.
     """
-    settings = settings or IntervalSettings()
     size, count = len(free), int(owner.max(initial=-1)) + 1
     inverse = inverse_information(information, free)
     curvature = np.sqrt(np.diag(inverse))
@@ -88,11 +88,11 @@ def influence_covariance(
         words = f'influence of {len(owner)} blocks of time' if by_block else f'influence of {count} recordings'
         spread = _spread(parts, inverse)
         total, known = float(np.trace(information @ spread)), max(int((curvature > 0).sum()), 1)
-        covariance = (settings.prior * max(total / known, 1.0) * inverse + n * spread) / (settings.prior + n)
-        variance, freedom = np.diag(covariance).copy(), np.full(size, settings.prior + n)
+        covariance = (SETTINGS.prior * max(total / known, 1.0) * inverse + n * spread) / (SETTINGS.prior + n)
+        variance, freedom = np.diag(covariance).copy(), np.full(size, SETTINGS.prior + n)
         if count > 1:
             own = _spread(recordings, inverse)
-            odd = _differ(np.diag(own), np.diag(spread), np.diag(inverse), total, n, count - 1, settings.significance)
+            odd = _differ(np.diag(own), np.diag(spread), np.diag(inverse), total, n, count - 1)
             variance[odd] = np.maximum(np.diag(own)[odd], variance[odd])
             freedom[odd] = count - 1
             words += f' and of {count} recordings' if by_block and odd.any() else ''
@@ -149,16 +149,14 @@ def _spread(parts: Array, inverse: Array) -> Array:
     return np.asarray(len(parts) / (len(parts) - 1) * moves.T @ moves)
 
 
-def _differ(
-    own: Array, spread: Array, inverse: Array, total: float, n: float, between: int, significance: float
-) -> Flags:
+def _differ(own: Array, spread: Array, inverse: Array, total: float, n: float, between: int) -> Flags:
     """Return in which parameters recordings vary more than all other parameters do, each over its curvature."""
     known = inverse > 0
     others = max(int(known.sum()) - 1, 1)
     scale = np.where(known, inverse, 1.0)
     rest = np.maximum((total - spread / scale) / others, 1.0)
     chance = fdtrc(between, n * others, own / scale / rest)
-    return np.asarray(known & (chance * (others + 1) < significance))
+    return np.asarray(known & (chance * (others + 1) < SETTINGS.significance))
 
 
 def correlations(information: Array, free: Flags) -> Array:
