@@ -10,7 +10,7 @@ import numpy as np
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ExcitationError, PendubotError
-from pendubot_identification.model.parameters import MODELS, Bounds, default_bounds
+from pendubot_identification.model.parameters import MODELS, default_bounds
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .blocks import STILL, Samples, SegmentSettings
@@ -31,12 +31,10 @@ class Tracker:
         reason: why it has not started yet, in a sentence.
     """
 
-    def __init__(
-        self, start: Start | None = None, bounds: Bounds | None = None, settings: TrackerSettings | None = None
-    ) -> None:
-        self._settings = settings or TrackerSettings()
+    def __init__(self, start: Start | None = None) -> None:
+        self._settings = TrackerSettings()
         self._start = start or Start()
-        self._bounds = (bounds or default_bounds()).of(MODELS[self._start.model])
+        self._bounds = default_bounds().of(MODELS[self._start.model])
         self._samples = Samples()
         self.state: State | None = None
         self.reset()
