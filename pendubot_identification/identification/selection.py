@@ -30,7 +30,6 @@ class EffectSettings:
         share: fraction of the recordings that are searched; z of all is larger by its root.
         fitted: so many candidates are fitted in full, those whose predicted gain is largest.
         sure: Vuong's z; for a handful of candidates 3 would be significant, but blocks are few and gains uneven.
-            Clean simulated rigs and real ones reach 5.9 at most.
         possible: z above which an effect that is not sure is reported.
         tried: z above which all samples of an exact rig decide about it.
         rounds: effects that may be accepted, one after the other.
