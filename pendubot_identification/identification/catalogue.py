@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
+from scipy.signal import lfilter
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.likelihood import Extension, Shape, Unknown
@@ -228,8 +229,6 @@ def _lagged(motion: Motion, own: Array) -> Motion:
     t, mean = _fine_torque(motion)
     step, lag = t[1] - t[0], float(own[0])
     decay = math.exp(-step / lag)
-    from scipy.signal import lfilter  # half a second, which only this effect costs
-
     late = lfilter([1 - decay], [1, -decay], mean, axis=0)
     before = np.vstack([np.zeros((1, 2)), late[:-1]])
     # The mean of a lagged torque over a step lies between its values at both ends.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import correlate1d
+from scipy.signal import savgol_filter
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
@@ -132,18 +132,8 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
         raise TrajectoryError(f'{len(q)} samples are fewer than the window of {window:g} s holds; choose a shorter one')
-    # By hand, for scipy.signal costs every program half a second at its start: each sample has the polynomial of the
-    # window around it, the first and the last have those of the first and the last window.
-    half, degrees = length // 2, np.arange(SETTINGS.degree + 1)
-    basis = np.arange(-half, half + 1.0)[:, None] ** degrees
-    slopes = np.column_stack([np.zeros(length), degrees[1:] * basis[:, :-1]])
-    fit = np.linalg.pinv(basis)
-    smoothed = []
-    for shape, weights, unit in ((basis, fit[0], 1.0), (slopes, fit[1], interval)):
-        made = correlate1d(q, weights, axis=0)
-        made[:half], made[-half:] = (shape @ fit @ q[:length])[:half], (shape @ fit @ q[-length:])[-half:]
-        smoothed.append(made / unit)
-    return smoothed[0], smoothed[1]
+    smooth, rates = (savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
+    return smooth, rates
 
 
 def encoder_step(q: Array) -> Array:
