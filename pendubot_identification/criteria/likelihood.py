@@ -46,8 +46,7 @@ class LikelihoodSettings:
         intervals: at which recordings are read [s]; beyond 0.2 s the likelihood has wrong optima.
         step: longest Runge-Kutta step [s].
         turn: largest angle by which a joint turns in a step [rad].
-        freedom: nu, degrees of freedom of the innovations, above 2; infinite: Gaussian. With 4 (Lange, Little and
-            Taylor, JASA 84, 1989) a push by hand hardly counts.
+        freedom: nu, degrees of freedom of the innovations, above 2; infinite: Gaussian.
         offset: standard deviation of the zeros of both positions [rad].
         rest: a sample with both joints within so many quanta over ``still`` [s] to both sides has no weight: at rest
             neither torque noise nor quantization is white.
@@ -58,7 +57,7 @@ class LikelihoodSettings:
 
     intervals: tuple[float, ...] = (0.05, 0.1, 0.2)
     step: float = 0.005
-    freedom: float = 4.0
+    freedom: float = 12.0
     offset: float = 0.005
     rest: float = 2.5
     still: float = 0.1

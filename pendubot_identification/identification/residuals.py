@@ -32,9 +32,8 @@ class ResidualSettings:
     ratio: float = 3.0
     #: And the difference, as a fraction of the squared effort: 1 % of its RMS.
     least: float = 1e-4
-    #: Of a disturbance, all samples together, where others have so many degrees of freedom.
+    #: Of a disturbance, all samples together.
     significance: float = 1e-4
-    freedom: float = 12.0
     #: Disturbances nearer than this [s] are one; so many are listed.
     joined: float = 0.5
     listed: int = 3
@@ -106,7 +105,7 @@ def disturbances(rough: Problem) -> Iterator[str]:
     filter_data = rough.likelihood.filter_data
     e, s = rough.likelihood.innovations(rough.fit.x)
     z = np.abs(e) / np.sqrt(s)
-    probability = 2 * stdtr(SETTINGS.freedom, -z) * z.size
+    probability = 2 * stdtr(filter_data.settings.freedom, -z) * z.size
     large = (probability < SETTINGS.significance).any(axis=1) & (filter_data.weight > 0)
     found = []
     for g, rows in enumerate(filter_data.rows):
