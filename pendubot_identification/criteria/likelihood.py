@@ -6,8 +6,7 @@
 An extended Kalman filter (:mod:`.model.filter`) reads each recording at several sampling intervals. Its innovations e
 with variances s are Student-t distributed with nu degrees of freedom:
 
-    J = 1/K sum over K intervals of sum[ log(s) / 2 + (nu + 1) / 2 log(1 + e^2 / (nu - 2) / s) ]
-        + |offset / prior|^2 / 2
+    J = 1/K sum over K intervals of sum[ log(s) / 2 + (nu + 1) / 2 log(1 + e^2 / (nu s)) ] + |offset / prior|^2 / 2
 
 J is a composite likelihood (Varin, Reid and Firth, Statistica Sinica 21, 2011): the intervals share data, so that its
 curvature overstates what is known. Short intervals see friction and inertia, long ones what a model predicts. White
@@ -46,7 +45,7 @@ class LikelihoodSettings:
         intervals: at which recordings are read [s]; beyond 0.2 s the likelihood has wrong optima.
         step: longest Runge-Kutta step [s].
         turn: largest angle by which a joint turns in a step [rad].
-        freedom: nu, degrees of freedom of the innovations, above 2; infinite: Gaussian.
+        freedom: nu, degrees of freedom of the innovations; infinite: Gaussian.
         offset: standard deviation of the zeros of both positions [rad].
         rest: a sample with both joints within so many quanta over ``still`` [s] to both sides has no weight: at rest
             neither torque noise nor quantization is white.
@@ -390,7 +389,7 @@ class Likelihood:
         if np.isinf(nu):
             each = np.log(s) / 2 + e * e / s / 2
         else:
-            each = np.log(s) / 2 + (nu + 1) / 2 * np.log1p(e * e / ((nu - 2) * s))
+            each = np.log(s) / 2 + (nu + 1) / 2 * np.log1p(e * e / (nu * s))
         each = (np.where(filter_data.weight[:, None] > 0, each, 0.0)).sum(axis=1) / self.levels
         return np.asarray(np.bincount(filter_data.block, each, minlength=len(filter_data.owner)), dtype=float)
 
@@ -414,10 +413,9 @@ class Likelihood:
         if np.isinf(nu):
             to_e, to_s, ee, ss = e / s, 0.5 / s - e * e / (2 * s * s), 1 / s, 0.5 / s**2
         else:
-            scaled = (nu - 2) * s
-            to_e = (nu + 1) * e / (scaled + e * e)
-            to_s = 0.5 / s - (nu + 1) / 2 * e * e / (s * (scaled + e * e))
-            ee, ss = (nu + 1) / (nu + 3) * nu / scaled, nu / (2 * (nu + 3) * s * s)
+            to_e = (nu + 1) * e / (nu * s + e * e)
+            to_s = 0.5 / s - (nu + 1) / 2 * e * e / (s * (nu * s + e * e))
+            ee, ss = (nu + 1) / ((nu + 3) * s), nu / (2 * (nu + 3) * s * s)
         count = len(filter_data.owner)
         slopes, informations = np.zeros((count, self.size)), np.zeros((count, self.size, self.size))
         for g, rows in enumerate(filter_data.rows):
