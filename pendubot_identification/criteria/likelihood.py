@@ -473,7 +473,7 @@ def fit(
     lower: Array,
     upper: Array,
     iterations: int = 40,
-    tolerance: float = 0.3,
+    tolerance: float = 0.05,
     progress: Callable[[float], None] | None = None,
 ) -> LikelihoodFit:
     """Minimise J within bounds by Fisher scoring with Levenberg and Marquardt's damping.

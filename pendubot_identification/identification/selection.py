@@ -65,7 +65,7 @@ class Problem:
     def with_effects(self, effects: Sequence[Effect]) -> Problem:
         """Return the problem with more effects, solved."""
         like, x, lower, upper = self.extended(effects)
-        return Problem(like, fit(like, x, lower, upper), lower, upper)
+        return Problem(like, fit(like, x, lower, upper, tolerance=0.3), lower, upper)
 
 
 def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[tuple[FoundEffect, Problem]]:
