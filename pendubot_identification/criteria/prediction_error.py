@@ -8,8 +8,8 @@ As a criterion, with the composite likelihood's quadratic approximation as prior
     J = (theta - theta1)' A (theta - theta1) / 2 + g' (theta - theta1) + kappa eps sum[ log S + (r / S)^2 / 2 ]
 
 r is the error of each state after each horizon, S its scale, the product of one number for each state and horizon and
-one for each simulation, by Student's t distribution, so that a push by hand or an odd recording cannot dominate. eps
-counts overlapping simulations as independent once each longest horizon.
+one for each recording, so that one odd recording cannot dominate. eps counts overlapping simulations as independent
+once each longest horizon.
 """
 
 from __future__ import annotations
@@ -41,9 +41,8 @@ class PredictionSettings:
         horizons: [s].
         stride: from one start to the next [s].
         weight: kappa; a magnitude adjustment of the composite likelihood gives .07 to .8, median .27.
-        freedom: degrees of freedom of a simulation's mean error, as of the likelihood's innovations.
+        shrinkage: so many independent simulations hold each recording's scale at 1.
         alternations: of scales and parameters.
-        scalings: iterations for the scales.
         steps: between them.
         tolerance: an alternation that lowers J by less is the last.
     """
@@ -51,9 +50,8 @@ class PredictionSettings:
     horizons: tuple[float, ...] = (0.1, 0.25, 0.5)
     stride: float = 0.05
     weight: float = 0.2
-    freedom: float = 4.0
+    shrinkage: float = 20.0
     alternations: int = 5
-    scalings: int = 20
     steps: int = 3
     tolerance: float = 0.01
 
@@ -135,7 +133,7 @@ class PredictionFit:
         slopes: of each block's errors, shape (B, D).
         informations: likewise, shape (B, D, D).
         scale: S of each state and horizon, shape (H, 4).
-        factor: S of each simulation, shape (L,).
+        factor: S of each recording, shape (R,).
     """
 
     theta: Array
@@ -181,7 +179,9 @@ def refine(
     number = simulations.recording
     block = np.concatenate([filter_data.block_of(k, simulations.t[number == k]) for k in range(len(motions))])
     duration = sum(m.end - m.start for m in motions)
-    criterion = _Criterion(simulations, theta, prior, pull, block, len(filter_data.owner), duration, settings)
+    criterion = _Criterion(
+        simulations, theta, prior, pull, block, len(filter_data.owner), len(motions), duration, settings
+    )
     for _ in range(settings.alternations):
         scaled = criterion.scales(theta)
         theta, gained = _descend(criterion, theta, scaled, bounds)
@@ -191,13 +191,13 @@ def refine(
     return PredictionFit(theta, informations.sum(axis=0) + prior, slopes, informations, *scaled)
 
 
-#: Of each state and horizon, shape (H, 4), and of each simulation, shape (L,).
+#: Of each state and horizon, shape (H, 4), and of each recording, shape (R,).
 _Scales = tuple[Array, Array]
 
 
 @dataclass(frozen=True, slots=True)
 class _Criterion:
-    """J of L simulations, with given scales, and its derivatives by B blocks of time."""
+    """J of R recordings' simulations, with given scales, and its derivatives by B blocks of time."""
 
     simulations: Simulations
     first: Array
@@ -205,6 +205,7 @@ class _Criterion:
     pull: Array
     block: NDArray[np.intp]
     blocks: int
+    recordings: int
     duration: float
     settings: PredictionSettings
 
@@ -216,17 +217,20 @@ class _Criterion:
 
     def scales(self, theta: Array) -> _Scales:
         """Return the scales of the errors at theta."""
-        r, nu = self.simulations.errors(theta)[0], self.settings.freedom
-        factor = np.ones(len(self.simulations.t))
-        for _ in range(self.settings.scalings):
-            scale = np.maximum(np.sqrt(((r / factor) ** 2).mean(axis=2)), 1e-12)
-            # All errors of a simulation count as one: they have much in common.
-            factor = np.sqrt((nu + ((r / scale[:, :, None]) ** 2).mean(axis=(0, 1))) / (nu + 1))
+        r, number, count = self.simulations.errors(theta)[0], self.simulations.recording, self.recordings
+        simulations = np.bincount(number, minlength=count)
+        own = simulations * self.eps / self.settings.weight  # independent ones
+        factor = np.ones(count)
+        for _ in range(self.settings.alternations):
+            scale = np.maximum(np.sqrt(((r / factor[number]) ** 2).mean(axis=2)), 1e-12)
+            z = ((r / scale[:, :, None]) ** 2).mean(axis=(0, 1))
+            mean = np.bincount(number, z, minlength=count) / np.maximum(simulations, 1)
+            factor = np.sqrt((own * mean + self.settings.shrinkage) / (own + self.settings.shrinkage))
         return scale, factor
 
     def _scaled(self, theta: Array, scales: _Scales) -> tuple[Array, Array]:
         r, states = self.simulations.errors(theta)
-        return r / scales[0][:, :, None] / scales[1], states
+        return r / scales[0][:, :, None] / scales[1][self.simulations.recording], states
 
     def value(self, theta: Array, scales: _Scales) -> float:
         """Return J without the logarithms; infinite where a simulation is lost."""
@@ -238,8 +242,8 @@ class _Criterion:
     def derivatives(self, theta: Array, scales: _Scales) -> tuple[Array, Array]:
         """Return slopes and information of each block's errors, shapes (B, D), (B, D, D)."""
         z, states = self._scaled(theta, scales)
-        size = len(theta)
-        by = self.simulations.derivatives(theta, states) / scales[0][:, :, None, None] / scales[1]
+        number, size = self.simulations.recording, len(theta)
+        by = self.simulations.derivatives(theta, states) / scales[0][:, :, None, None] / scales[1][number]
         slopes, informations = np.zeros((self.blocks, size)), np.zeros((self.blocks, size, size))
         edges = np.searchsorted(self.block, np.arange(self.blocks + 1))
         for k, own in enumerate(map(slice, edges, edges[1:])):
