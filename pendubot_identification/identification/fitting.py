@@ -64,8 +64,6 @@ class FittingSettings:
         slow: six widths of the change of sign of dry friction, within which steps are as short as it needs.
         between: longest such step [s] where the delay lets the torque change between samples, by more than a tenth of
             it: steps take its mean.
-        robust: degrees of freedom of the innovations at all intervals (Lange, Little and Taylor, JASA 84, 1989): a push
-            by hand hardly counts. The shortest one has more of them, because effects, too, make outliers.
         several: with fewer recordings, blocks of time take their place.
         search: faults, hold and effects are searched in so many seconds of the recordings; all confirm an effect.
     """
@@ -83,7 +81,6 @@ class FittingSettings:
     fine: float = 0.0005
     slow: float = 0.3
     between: float = 0.001
-    robust: float = 4.0
     several: int = 3
     search: float = 150.0
 
@@ -495,7 +492,7 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
     """Fit all intervals, from the shortest one's answer; intervals at which a filter diverges are left out."""
     intervals, how = LikelihoodSettings().intervals, rough.likelihood.filter_data.settings
     while True:
-        filter_data = FilterData.of(data.motions, replace(how, intervals=intervals, freedom=SETTINGS.robust))
+        filter_data = FilterData.of(data.motions, replace(how, intervals=intervals))
         like, at = rough.likelihood.of(filter_data), rough.likelihood.shared
 
         def wider(values: Array, at: int = at, count: int = len(intervals)) -> Array:
