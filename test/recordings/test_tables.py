@@ -166,10 +166,6 @@ UNUSABLE = {
         lambda path: in_excel(path, [], NAMES, [0, 1, 2, 3], [0.01, 1, None, 3]),
         "row 4, column 'q2': nothing is no finite number, as of 1 of 2 rows; .*: add --skip-missing",
     ),
-    'clock.xlsx': (
-        lambda path: in_excel(path, NAMES, *([datetime.time(12, 30, k), 1, 2, 3] for k in range(9))),
-        "column 't': '12:30:00' is no finite number, nor is any other there",
-    ),
 }
 
 
