@@ -100,6 +100,11 @@ class Setting:
         return self.description + (f' [{self.unit}]' if self.unit else '')
 
 
+def flag(name: str) -> str:
+    """Return the name of a setting as an option of the command line."""
+    return f'--{name.replace("_", "-")}'
+
+
 def words(value: Any) -> list[str]:
     """Return the parts of a text with commas, or of a list."""
     parts = value if isinstance(value, (list, tuple)) else str(value).split(',')

@@ -17,7 +17,7 @@ from pendubot_identification import __version__, kernel
 from pendubot_identification.identification.options import APPLY_REMEDIES, DATA, EXPERT, HOW, WHAT
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
-from pendubot_identification.setting import Setting
+from pendubot_identification.setting import Setting, flag
 from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS, TOPIC
 
 #: The levels from which on the exit status of ``identify`` is 3.
@@ -83,11 +83,6 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         print(f'{parser.prog} {__version__}, {kernel.description()}')
         parser.exit()
-
-
-def flag(name: str) -> str:
-    """Return the spelling of an option."""
-    return f'--{name.replace("_", "-")}'
 
 
 def _path(group: Any, name: str, metavar: str, help: str, **how: Any) -> None:

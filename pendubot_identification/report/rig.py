@@ -14,6 +14,7 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNDER_LOAD
 from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import Result
+from pendubot_identification.setting import flag
 from pendubot_identification.trajectories.conversion import Conversion
 
 from .tables import Beside
@@ -67,11 +68,11 @@ def command(result: Result) -> str:
         'criterion': (','.join(made.criteria), ','.join(usual.criteria)),
         'delay': ('{:g}:{:g}'.format(*made.delays), '{:g}:{:g}'.format(*DELAYS)),
         'sliding': (made.sliding_window, None),
-        **{name.replace('_', '-'): (getattr(made, name), None) for name in ('link_length', 'link_mass')},
+        **{name: (getattr(made, name), None) for name in ('link_length', 'link_mass')},
         'spread': (next((f'{each:g}' for each in spreads if each is not None), None), f'{SPREAD:g}'),
         'start': ('START.yaml' if made.start else None, None),
     }
-    words += [f'--{n}={shlex.quote(str(v))}' for n, (v, default) in options.items() if v not in (None, default)]
+    words += [f'{flag(n)}={shlex.quote(str(v))}' for n, (v, default) in options.items() if v not in (None, default)]
     words += [f'--bounds {bound}' for bound in _given_bounds(result)]
     words += Conversion.of(result.reading).options()
     expert = [] if made.smoothing is None else [f'smoothing: {made.smoothing}']

@@ -18,6 +18,7 @@ from typing import Any
 
 from pendubot_identification import api
 from pendubot_identification.errors import PendubotError, ResultError, sentence
+from pendubot_identification.setting import flag
 from pendubot_identification.trajectories.conventions import CONVERSION
 
 #: Points of a preview.
@@ -48,16 +49,11 @@ def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
 def check(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     """Return the findings of the checks, and the command that repeats them."""
     found = api.check(*job['bags'], validate=job['validate'], **_options(job))
-    words = [
-        'pendubot',
-        'identify',
-        '--check',
-        *job['bags'],
-        *(['--validate', *job['validate']] if job['validate'] else []),
-    ]
+    words = ['pendubot', 'identify', '--check', *job['bags']]
+    words += ['--validate', *job['validate']] if job['validate'] else []
     for name, value in job['options'].items():
         each = value.split(',') if name == 'bounds' else [value]
-        words += [f'--{name.replace("_", "-")}' + ('' if text == 'true' else f'={text}') for text in each]
+        words += [flag(name) + ('' if text == 'true' else f'={text}') for text in each]
     return {'findings': [finding.plain() for finding in found], 'command': shlex.join(words)}
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, TrajectoryError
+from pendubot_identification.setting import flag
 
 from .conventions import (
     CONVERSION,
@@ -251,4 +252,4 @@ class Conversion:
 
 def options(words: Mapping[str, str]) -> list[str]:
     """Return the result of :meth:`Conversion.words` as options of the command line, quoted for a shell."""
-    return [f'--{n.replace("_", "-")}' + ('' if v == 'true' else f' {shlex.quote(v)}') for n, v in words.items()]
+    return [flag(name) + ('' if value == 'true' else f' {shlex.quote(value)}') for name, value in words.items()]
