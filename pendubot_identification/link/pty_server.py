@@ -122,6 +122,12 @@ class PtyServer:
 
     def _plug(self) -> None:
         self._master, slave = pty.openpty()
+        if os.ttyname(slave) == self._slave_path:
+            # The system gave the same path again; a device that returns has another one, so take the next.
+            former = self._master, slave
+            self._master, slave = pty.openpty()
+            for descriptor in former:
+                os.close(descriptor)
         tty.setraw(slave)
         self._slave_path = os.ttyname(slave)
         # Closed here, so that the kernel shows whether a host is there, and keeps nothing while none is.

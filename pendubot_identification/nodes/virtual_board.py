@@ -43,7 +43,7 @@ with --ros-args, where there is ROS, it is a node too, of one parameter, payload
 (3/2 P2 / P5 from the elbow), also put on and taken off while it moves:
   ros2 param set /virtual_board payload 0.03
 
-signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back
+signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back (--link then leads to another pty)
 
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
