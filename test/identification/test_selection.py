@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Unmodelled effects compete: of a simulated rig with one effect that one is named."""
+"""Unmodelled effects compete: of a simulated rig with one effect that one is named, and of a clean rig none."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -99,6 +99,12 @@ def test_the_effect_of_a_rig_is_accepted_and_no_other(problem, effects, name):
         assert f'({f.where}, ' in f.sentence
         assert ' compensated, P1 to P5 change by ' in f.sentence
     np.testing.assert_allclose(P, TRUE[:5], rtol=2e-3)
+
+
+def test_a_clean_rig_has_no_effect(problem):
+    base = problem('clean')
+    np.testing.assert_allclose(base.fit.x[:5], TRUE[:5], rtol=1e-3)
+    assert find_effects(base) == []
 
 
 @pytest.mark.parametrize(('right', 'wrong'), [('offset', 'asymmetry'), ('asymmetry', 'offset')])

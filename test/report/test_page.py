@@ -112,6 +112,16 @@ def test_every_picture_is_shown_with_what_a_good_one_looks_like():
     assert 'one after the other' not in text, 'there is but one recording'
 
 
+def test_captions_follow_from_what_was_drawn():
+    result = made(('weak',))
+    drawn = pictures(result, [motion(name='a@0:3'), motion(name='b')]).values()
+    text = ' '.join(result_page(result, drawn).split())
+    assert 'these recordings one after the other' in text
+    assert 'There are no validation data' in text
+    assert 'for 1 s from the measured' in text
+    assert 'on the training data' in text
+
+
 def test_nothing_comes_from_elsewhere():
     text = result_page(typed(plain()), every_picture(), text='schema: 1')
     page = Page(text)

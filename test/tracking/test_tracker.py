@@ -43,7 +43,7 @@ DAYS = {
 }
 
 #: Imperfections that show in the balances of one motion.
-SEEN = ('saturation', 'asymmetry', 'backlash', 'push')
+SEEN = ('saturation', 'lag', 'asymmetry', 'spring, elbow', 'backlash', 'eccentricity', 'push')
 
 
 @pytest.fixture(scope='module')
