@@ -252,7 +252,7 @@ def test_a_start_that_is_wrong_by_three_arrives():
 def test_a_stiff_rig_is_identified_from_few_samples(seed, strength):
     """At 33 Hz, where friction under load may pass for a motor with less torque."""
     result = identify([recording(330, 0.03, rig=STIFF, seed=seed, strength=strength)], [], Settings(hold='zero'))
-    np.testing.assert_allclose(result.best.theta[:5], STIFF.vector()[:5], rtol=0.05)
+    np.testing.assert_allclose(result.best.theta[:5], STIFF.vector()[:5], rtol=0.03)
     assert abs(result.best.effort.delay) < 1e-3
 
 
@@ -260,7 +260,7 @@ def test_a_wrong_rough_delay_is_no_trap(monkeypatch):
     """Smoothed velocities of few samples may pass for a delay, from which no filter follows a stiff rig."""
     monkeypatch.setattr(linear, 'estimate_delay', lambda *_, **__: 0.06)
     best = identify([recording(330, 0.03, rig=STIFF, seed=2, strength=4.0)], [], Settings(hold='zero')).best
-    np.testing.assert_allclose(best.theta[:5], STIFF.vector()[:5], rtol=0.05)
+    np.testing.assert_allclose(best.theta[:5], STIFF.vector()[:5], rtol=0.03)
 
 
 def test_a_start_without_inertia_arrives():
