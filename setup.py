@@ -14,20 +14,25 @@ NODES = ['bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 't
 
 BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bags', *sorted(glob('bags/*/'))]]
 
-# Without a C compiler it is left out, and everything works through numpy. No contraction: every processor shall round
-# alike.
-KERNEL = Extension(
-    f'{NAME}._kernel',
-    [f'{NAME}/{source}.c' for source in ('model/rollout', 'model/filter', 'optimizers/mde')],
-    extra_compile_args=[
-        *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
-        *('-fvisibility=hidden', '-Wno-psabi', '-pthread'),
-    ],
-    depends=[f'{NAME}/model/motion.h'],
-    extra_link_args=['-pthread'],
-    libraries=['m'],
-    optional=True,
-)
+
+def kernel(name, *flags):
+    """Return a kernel that is left out where it does not compile: everything works through numpy, too.
+
+    No contraction: every processor shall round alike.
+    """
+    return Extension(
+        f'{NAME}.{name}',
+        [f'{NAME}/{source}.c' for source in ('model/rollout', 'model/filter', 'optimizers/mde')],
+        extra_compile_args=[
+            *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
+            *('-fvisibility=hidden', '-Wno-psabi', '-pthread', *flags),
+        ],
+        depends=[f'{NAME}/model/motion.h'],
+        extra_link_args=['-pthread'],
+        libraries=['m'],
+        optional=True,
+    )
+
 
 setup(
     name=NAME,
@@ -112,7 +117,7 @@ setup(
             'urdf_parser_py',
         ],
     },
-    ext_modules=[KERNEL],
+    ext_modules=[kernel('_kernel'), kernel('_kernel_avx512', '-march=x86-64-v4')],
     zip_safe=False,
     author='The pendubot_identification authors',
     maintainer='The pendubot_identification authors',

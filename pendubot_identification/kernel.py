@@ -38,13 +38,18 @@ def description() -> str:
 
 @cache
 def _library() -> CDLL | None:
+    return opened('_kernel_avx512') or opened('_kernel')
+
+
+def opened(name: str) -> CDLL | None:
+    """Return one kernel; None where it is not there or this processor cannot run it. All give the same numbers."""
     # Imported here, because the command line's --help needs neither.
     from ctypes import CDLL, c_double, c_int64, c_void_p
     from importlib.machinery import PathFinder
     from sys import modules
 
     # Only beside this package: another installation's is made from other C.
-    spec = PathFinder.find_spec(f'{__package__}._kernel', modules[__package__].__path__)
+    spec = PathFinder.find_spec(f'{__package__}.{name}', modules[__package__].__path__)
     if spec is None or spec.origin is None:
         return None
     try:
@@ -58,8 +63,8 @@ def _library() -> CDLL | None:
         found.pendubot_filter.argtypes = [sizes, pointer]
         found.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 7]
         found.pendubot_mde.restype = c_int64
-        for name in ('roll', 'sensitivities', 'filter'):
-            getattr(found, f'pendubot_{name}').restype = None
+        for function in ('roll', 'sensitivities', 'filter'):
+            getattr(found, f'pendubot_{function}').restype = None
     except (OSError, AttributeError):
         return None  # made for another processor, or for another version
     return found

@@ -75,13 +75,13 @@ INLINE void product(const vec a[4][4], const vec b[4][4], vec result[4][4])
 }
 
 /* Mean x and covariance p over one step of h: classic Runge-Kutta, and I + h A + h^2 A^2 / 2. */
-INLINE void predict(const Filter *f, const Terms *active, Theta *th, const vec noise[2], double h, vec t1, vec t2, vec passed,
-    vec x[4], vec p[4][4])
+INLINE void predict(const Filter *f, const Terms *active, Theta *th, const vec noise[2], const vec narrow[2], double h,
+    vec t1, vec t2, vec passed, vec x[4], vec p[4][4])
 {
-    vec q1 = x[0], q2 = x[1], v1 = x[2], v2 = x[3], by_q[2], by_v[2], sharpness[2] = {th->sharpness[0], th->sharpness[1]};
+    vec q1 = x[0], q2 = x[1], v1 = x[2], v2 = x[3], by_q[2], by_v[2];
     /* Statistical linearisation of the sign of dry friction: as wide as the speed is uncertain. */
     for (int j = 0; j < 2; j++) {
-        vec wide = 1.0 / (sharpness[j] * sharpness[j]) + HALF_PI * p[2 + j][2 + j], root;
+        vec wide = narrow[j] + HALF_PI * p[2 + j][2 + j], root;
         for (int w = 0; w < LANES; w++)
             root[w] = __builtin_sqrt(wide[w]);
         th->sharpness[j] = 1.0 / root;
@@ -102,16 +102,18 @@ INLINE void predict(const Filter *f, const Terms *active, Theta *th, const vec n
                            t[2] * (at.c2 * v2 * (2.0 * v1 + v2) + at.s2 * (2.0 * at.a1 + at.a2)) + g12,
                            2.0 * t[2] * at.s2 * v2 - slope[0], 2.0 * t[2] * at.s2 * (v1 + v2)},
         {g12, t[2] * (at.s2 * at.a1 - at.c2 * v1 * v1) + g12 + by_q[1], -2.0 * t[2] * at.s2 * v1, -slope[1]}};
-    vec a[4][4] = {{}, {}, {}, {}}, squared[4][4], transition[4][4], moved[4][4];
-    a[0][2] = a[1][3] = all(1.0);
+    vec a[2][4], transition[4][4], moved[4][4];
     for (int j = 0; j < 4; j++) {
-        a[2][j] = i11 * right[0][j] - i12 * right[1][j];
-        a[3][j] = i22 * right[1][j] - i12 * right[0][j];
+        a[0][j] = i11 * right[0][j] - i12 * right[1][j];
+        a[1][j] = i22 * right[1][j] - i12 * right[0][j];
     }
-    product(a, a, squared);
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            transition[i][j] = h * a[i][j] + h * h / 2 * squared[i][j] + (i == j ? 1.0 : 0.0);
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 4; j++) { /* A = (0, I; a), A^2 = (a; a A) */
+            vec squared = a[i][2] * a[0][j] + a[i][3] * a[1][j];
+            squared = j < 2 ? squared : squared + a[i][j - 2];
+            transition[i][j] = h * h / 2 * a[i][j] + (i == j ? 1.0 : i + 2 == j ? h : 0.0);
+            transition[2 + i][j] = h * a[i][j] + h * h / 2 * squared + (i + 2 == j ? 1.0 : 0.0);
+        }
     product(transition, p, moved);
     for (int i = 0; i < 4; i++)
         for (int j = 0; j <= i; j++)
@@ -139,7 +141,6 @@ INLINE void predict(const Filter *f, const Terms *active, Theta *th, const vec n
     x[0] = q1 + h * (v1 + h / 6 * sum1), x[1] = q2 + h * (v2 + h / 6 * sum2);
     x[2] = v1 + h / 6 * (k1[0] + 2.0 * (k1[1] + k1[2]) + k1[3]);
     x[3] = v2 + h / 6 * (k2[0] + 2.0 * (k2[1] + k2[2]) + k2[3]);
-    th->sharpness[0] = sharpness[0], th->sharpness[1] = sharpness[1];
 }
 
 LOOP void filter(const void *work, int64_t begin, int64_t finish)
@@ -151,12 +152,13 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
         int64_t at = g * f->steps;
         Theta th = {LARGEST_MODEL, {}, {}, {}};
         Terms active;
-        vec r[2], noise[2], offset[2], x[4] = {}, p[4][4] = {{}, {}, {}, {}};
+        vec r[2], noise[2], narrow[2], offset[2], x[4] = {}, p[4][4] = {{}, {}, {}, {}};
         for (int i = 0; i < LARGEST_MODEL; i++)
             th.p[i] = load(f->theta + i * L + first, count);
         for (int j = 0; j < 2; j++) {
             const double *own = f->noise + f->level[g] * 4 * L + first;
-            th.sharpness[j] = 1.0 / load(f->width + j * L + first, count);
+            vec w = load(f->width + j * L + first, count);
+            narrow[j] = w * w;
             offset[j] = load(f->offset + j * L + first, count);
             r[j] = load(own + j * L, count), noise[j] = load(own + (2 + j) * L, count);
         }
@@ -183,7 +185,7 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
             vec t1, t2;
             for (int w = 0; w < LANES; w++)
                 t1[w] = tau[w][2 * k], t2[w] = tau[w][2 * k + 1];
-            predict(f, &active, &th, noise, f->h[at + k], t1, t2, all(f->elapsed[at + k]), x, p);
+            predict(f, &active, &th, noise, narrow, f->h[at + k], t1, t2, all(f->elapsed[at + k]), x, p);
             if (f->row[at + k] < 0)
                 continue;
             double *e = f->e + f->row[at + k] * 2 * L + first, *s = f->s + f->row[at + k] * 2 * L + first;
@@ -192,8 +194,9 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
                 for (int w = 0; w < LANES; w++)
                     innovation[w] += y[w][2 * k + j];
                 store(e + j * L, innovation, count), store(s + j * L, variance, count);
+                vec inverse = 1.0 / variance;
                 for (int i = 0; i < 4; i++)
-                    gain[i] = p[i][j] / variance;
+                    gain[i] = p[i][j] * inverse;
                 for (int i = 0; i < 4; i++)
                     x[i] += gain[i] * innovation;
                 for (int i = 0; i < 4; i++)

@@ -191,7 +191,12 @@ EXPORT void pendubot_sensitivities(int64_t threads, int64_t size, int64_t lanes,
     share(sensitivities, &what, (lanes + LANES - 1) / LANES, DERIVING * steps, threads);
 }
 
+/* 0 on a processor that cannot run what was compiled for AVX-512. */
 EXPORT int64_t pendubot_version(void)
 {
+#ifdef __AVX512VL__
+    if (!__builtin_cpu_supports("avx512vl") || !__builtin_cpu_supports("avx512dq"))
+        return 0;
+#endif
     return VERSION;
 }

@@ -121,6 +121,16 @@ def test_no_number_depends_on_the_threads(monkeypatch):
         np.testing.assert_array_equal(found[0], other)
 
 
+def test_no_number_depends_on_the_processor(monkeypatch):
+    read, unknown, found = samples(groups=8, steps=200), vectors(21), []
+    for name in ('_kernel', '_kernel_avx512'):
+        if (library := kernel.opened(name)) is None:
+            pytest.skip(f'{name} does not run here')
+        monkeypatch.setattr(kernel, 'library', lambda library=library: library)
+        found.append(innovations(read, unknown, TERMS))
+    np.testing.assert_array_equal(*found)
+
+
 def test_more_terms_than_the_kernel_takes_are_numpys():
     terms = (TERMS * (MOST_TERMS // len(TERMS) + 1))[: MOST_TERMS + 1]
     for a, b in zip(*both(samples(steps=8, groups=1), vectors(1, terms=terms), terms), strict=True):
