@@ -75,7 +75,7 @@ class Effect:
 
 
 @dataclass(frozen=True, slots=True)
-class FoundEffect:
+class DetectedEffect:
     """An effect that the recordings show.
 
     Attributes:
@@ -236,7 +236,7 @@ def _lagged(motion: Motion, own: Array) -> Motion:
     return replace(motion, impulse=PPoly((mean + (before - mean) * part)[None], t).antiderivative())
 
 
-def compensated(motion: Motion, effects: Sequence[FoundEffect], delay: float) -> Motion:
+def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float) -> Motion:
     """Return a motion with the torques that act, by the accepted effects, along its smoothed states.
 
     Friction that drifts is taken as at the end of the training data.

@@ -34,7 +34,7 @@ from pendubot_identification.trajectories.motion import Motion, root_mean_square
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .catalogue import FoundEffect
+from .catalogue import DetectedEffect
 from .estimate import Progress
 from .linear import Linear, linear
 from .prediction import state_scale
@@ -177,7 +177,7 @@ class Composite:
     delay: float
     delay_std_error: float
     exact: bool
-    effects: tuple[FoundEffect, ...]
+    effects: tuple[DetectedEffect, ...]
     information: Array
     slopes: Array
     informations: Array
@@ -245,7 +245,7 @@ class Fits:
         """The fit that counts."""
         return self.exact or self.all_intervals
 
-    def surely_better(self, before: Fits, found: FoundEffect, share: float = 1.0) -> bool:
+    def surely_better(self, before: Fits, found: DetectedEffect, share: float = 1.0) -> bool:
         """Return whether an effect is sure; z of all recordings is larger by the root of the share that was fitted.
 
         It is where nothing but quantization is left with it alone. Otherwise all samples of an exact rig decide by
@@ -270,7 +270,7 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     begin = _first_fit(part, progress)
     part, begin = _best_hold(part, begin, progress)
     fits = Fits.of(part, begin, progress)
-    data, found = _complete(data, part), list[FoundEffect]()
+    data, found = _complete(data, part), list[DetectedEffect]()
     try:
         best = fits.completed(data, progress)
     except FloatingPointError:  # a filter diverges outside the middles
@@ -296,12 +296,12 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     return replace(answer, steps=tuple(steps))
 
 
-def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, list[FoundEffect]]:
+def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, list[DetectedEffect]]:
     """Return the fits with the effects that are sure, and these, the last perhaps a possible one.
 
     They are found in a part of the recordings; those that are sure there must be so in all of them.
     """
-    found, last = list[FoundEffect](), part
+    found, last = list[DetectedEffect](), part
     for each, problem in find_effects(part.rough, EffectSettings(share=best.data.searched)):
         sure = each.accepted or _nearly_exact(part.data, problem)
         if sure:
@@ -597,7 +597,7 @@ def unexplained(likelihood: Likelihood, x: Array) -> Array:
     return np.clip(1 - likelihood.filter_data.quantization / np.maximum(variance, 1e-300), 0.0, 1.0)
 
 
-def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
+def _composite(fits: Fits, found: Sequence[DetectedEffect]) -> Composite:
     """Return the answer of a likelihood, with all but theta eliminated."""
     data, rough, problem = fits.data, fits.rough, fits.last
     like, solved = problem.likelihood, problem.fit
@@ -636,7 +636,7 @@ def _composite(fits: Fits, found: Sequence[FoundEffect]) -> Composite:
     )
 
 
-def _sized(found: Sequence[FoundEffect], x: Array) -> tuple[FoundEffect, ...]:
+def _sized(found: Sequence[DetectedEffect], x: Array) -> tuple[DetectedEffect, ...]:
     """Return the effects with the sizes that the last fit found."""
     ends = SHARED + np.cumsum([len(each.sizes) for each in found], dtype=int)
     return tuple(

@@ -12,7 +12,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .catalogue import FoundEffect, compensated
+from .catalogue import DetectedEffect, compensated
 from .conventions import Fault
 from .estimate import Estimate
 from .fitting import Composite, TrainingData
@@ -48,7 +48,7 @@ class Identification:
     smoothing: float
     validation: str
     link_length: tuple[float, float]
-    effects: tuple[FoundEffect, ...] = ()
+    effects: tuple[DetectedEffect, ...] = ()
     unmodelled: Array | None = None
     uncorrected: Identification | None = None
 

@@ -19,7 +19,7 @@ import numpy as np
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.likelihood import Likelihood, LikelihoodFit, fit, fitted_information
 
-from .catalogue import Effect, FoundEffect, catalogue
+from .catalogue import DetectedEffect, Effect, catalogue
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class Problem:
         return Problem(like, fit(like, x, lower, upper, tolerance=0.3), lower, upper)
 
 
-def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[tuple[FoundEffect, Problem]]:
+def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[tuple[DetectedEffect, Problem]]:
     """Return the effects that one filter's likelihood selects, in their order; the last may be possible only.
 
     Beside each stands the problem with it and all before it, solved.
@@ -76,7 +76,7 @@ def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[
     settings = settings or EffectSettings()
     filter_data = base.likelihood.filter_data
     candidates = list(catalogue(filter_data.motions, float(base.fit.x[14])))
-    found: list[tuple[FoundEffect, Problem]] = []
+    found: list[tuple[DetectedEffect, Problem]] = []
     for _ in range(settings.rounds):
         known = {(f.name, f.where) for f, _ in found}
         left = [c for c in candidates if (c.name, c.where) not in known]
@@ -92,7 +92,7 @@ def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[
 
 def _compete(
     base: Problem, candidates: Sequence[Effect], settings: EffectSettings
-) -> tuple[FoundEffect, Problem] | None:
+) -> tuple[DetectedEffect, Problem] | None:
     filter_data, before = base.likelihood.filter_data, base.fit.evaluation.costs
     recordings = len(filter_data.motions)
     promising = sorted(_predicted(base, candidates), key=lambda each: -each[0])
@@ -124,7 +124,7 @@ def _compete(
         return None
     sizes = problem.fit.x[at : at + count]
     moved = problem.fit.x[:5] / np.maximum(base.fit.x[:5], 1e-12) - 1
-    return FoundEffect(candidate, sizes, float(gains.sum()), z, accepted, moved), problem
+    return DetectedEffect(candidate, sizes, float(gains.sum()), z, accepted, moved), problem
 
 
 def vuong(gains: Array, cost: float) -> float:

@@ -22,7 +22,7 @@ from scipy.stats import binned_statistic
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
-from pendubot_identification.identification.catalogue import FoundEffect, catalogue, compensated
+from pendubot_identification.identification.catalogue import DetectedEffect, catalogue, compensated
 from pendubot_identification.identification.fitting import standardised_innovations
 from pendubot_identification.identification.linear import linear
 from pendubot_identification.identification.prediction import HORIZONS, LOST, predict, state_scale
@@ -95,7 +95,7 @@ class Prepared:
         size, delay = len(training), result.effort.delay
         known = {(effect.name, effect.where): effect for effect in catalogue(motions[:size], delay)}
         effects = [
-            FoundEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
+            DetectedEffect(known[e.name, e.where], np.array(e.sizes, dtype=float), np.nan, np.nan, True, np.zeros(5))
             for e in result.effects
             if e.accepted and (e.name, e.where) in known
         ]

@@ -124,7 +124,7 @@ class DataFault:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportedEffect:
-    """An unmodelled effect, see :class:`.catalogue.FoundEffect`."""
+    """An unmodelled effect, see :class:`.catalogue.DetectedEffect`."""
 
     name: str
     where: str
