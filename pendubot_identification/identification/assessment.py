@@ -109,6 +109,17 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
         )
 
 
+def stillness(motion: Trajectory) -> str:
+    """Return the warning that no joint moves in a motion, which then validates nothing; empty if one moves."""
+    moved = np.ptp(motion.q, axis=0)
+    if (moved >= SETTINGS.still).any():
+        return ''
+    return (
+        f'{motion.name}, {motion.t[0]:.4g} to {motion.t[-1]:.4g} s: the joints moved by only {moved[0]:.3g} and '
+        f'{moved[1]:.3g} rad, which validates nothing; choose another window for validation'
+    )
+
+
 def assess(
     estimate: Estimate,
     settings: Settings,
@@ -194,6 +205,12 @@ def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
     theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES[: len(e.theta)])
     # Friction of one kind may well be zero where there is another.
     matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
+    if e.determined[:3].all() and not (e.fixed[3:5] | (e.intervals[3:5, 0] > 0)).any():
+        matters[3:5] = False
+        yield (
+            'the 95 % intervals of P4 and P5 reach 0: gravity hardly acts on this motion; fix both at 0 if both axes '
+            'are vertical, or else swing both links farther'
+        )
     unidentifiable = np.isinf(e.std_error)
     if unidentifiable.any():
         yield (
@@ -252,7 +269,7 @@ def _wrong_zeros(e: Estimate) -> Iterator[str]:
 
 
 def _wrong_length(e: Estimate, length: float, error: float) -> Iterator[str]:
-    if e.criterion == 'energy' or not e.theta[4] > 0 or not np.isfinite([length, error]).all():
+    if e.criterion == 'energy' or not e.intervals[4, 0] > 0 or not np.isfinite([length, error]).all():
         return
     own = e.theta[2] / e.theta[4]
     if abs(own - length) > max(SETTINGS.length * abs(length), SETTINGS.length_errors * error):

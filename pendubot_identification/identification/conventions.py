@@ -185,7 +185,8 @@ def diagnose(
         expected_link_length: of link 1 [m], measured.
     """
     recordings = _Recordings(tuple(m for m in motions if m.end - m.start > WIDTH + DELAYS[1] - DELAYS[0]), delay)
-    if not any(m.recorded.tau.any() for m in recordings.motions):
+    # A constant effort acts like gravity in another direction.
+    if not any(np.ptp(m.recorded.tau, axis=0).any() for m in recordings.motions):
         return ()
     faults, corrected = list[Fault](), recordings
     while len(faults) < 2 and (fault := _best_correction(corrected)) is not None:
@@ -218,6 +219,13 @@ def with_options(faults: Iterable[Fault], conversion: Conversion) -> tuple[Fault
 def corrected_conversion(faults: Sequence[Fault]) -> Conversion | None:
     """Return the conversion that corrects as many of the faults as options can; None if they correct none."""
     return next((f.corrected_conversion for f in reversed(faults) if f.corrected_conversion is not None), None)
+
+
+def agrees_with_exact_fit(fault: Fault, offsets: Array) -> bool:
+    """Return whether a fault may stand beside an exact fit, which estimates both zeros [rad], shape (2,)."""
+    if fault.name == 'zero' and fault.change is not None:
+        return bool((np.abs(fault.change.c + offsets) < SETTINGS.zero).all())
+    return fault.name in ('unit', 'length', 'delay')
 
 
 def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tuple[float, float]:

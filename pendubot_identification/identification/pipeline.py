@@ -16,9 +16,9 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .assessment import assess, require_excitation
+from .assessment import assess, require_excitation, stillness
 from .catalogue import compensated
-from .conventions import Fault, corrected_conversion, diagnose, link_length, with_options
+from .conventions import Fault, agrees_with_exact_fit, corrected_conversion, diagnose, link_length, with_options
 from .estimate import Progress
 from .fitting import Composite, TrainingData, fit_composite
 from .identification import Identification, Run
@@ -88,8 +88,10 @@ def _prepare(
         motion.require_samples()
     require_excitation(motions, settings)
     of_rig = settings.of_rig(motions)
-    noticed = (*notes, *data_checks([*training, *validation]))
-    return Run(of_rig, TrainingData.prepare(motions, of_rig), tuple(validation_motions), tuple(notes), noticed)
+    moving = tuple(motion for motion in validation_motions if not stillness(motion))
+    noted = (*notes, *filter(None, map(stillness, validation_motions)))
+    noticed = (*noted, *data_checks([*training, *validation]))
+    return Run(of_rig, TrainingData.prepare(motions, of_rig), moving, noted, noticed)
 
 
 def _check_conventions(run: Run, report: Progress) -> Run:
@@ -123,10 +125,11 @@ def _fit(run: Run, report: Progress) -> Run:
 
 
 def _remaining_faults(run: Run, composite: Composite) -> tuple[Fault, ...]:
-    """Return the faults that accepted effects do not explain, and an offset, which has an option."""
-    # Coarse encoders alone may leave as much: on an exact rig nothing else does.
-    faults = tuple(fault for fault in run.faults if fault.name != 'motion' or not composite.exact)
-    if not faults or not any(found.accepted for found in composite.effects):
+    """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option."""
+    faults, accepted = run.faults, any(found.accepted for found in composite.effects)
+    if composite.exact and not accepted:
+        return tuple(fault for fault in faults if agrees_with_exact_fit(fault, composite.offsets))
+    if not faults or not accepted:
         return faults
     motions = composite.data.excerpt().motions
     left = _faults(run, [compensated(m, composite.effects, composite.delay) for m in motions])

@@ -104,17 +104,19 @@ class Settings:
         return cls(criteria=criterion, delays=delay, **others)
 
     def of_rig(self, motions: Sequence[Trajectory]) -> Settings:
-        """Return the settings for the rig that moved so: its search box, and no friction under load without a motor.
+        """Return the settings for recordings: the search box, without friction under load of a joint without a motor.
 
         Default bounds are but a search box. They grow by powers of ten until the least-squares answer of ``weak``, or
         of ``energy`` where motions are too short for that, lies in the inner half. Bounds that were given stay; one
-        that equals the default counts as not given.
+        that equals the default counts as not given. A constant torque has no delay.
         """
         driven = np.any([motion.tau.any(axis=0) for motion in motions], axis=0)
         absent = [name for name, motor in zip(UNDER_LOAD, driven, strict=True) if not motor]
         bounds = self.bounds.without(absent)
         factor = box_factor(bounds, Quadratic.pool([self._reduced(motion) for motion in motions]))
-        return replace(self, bounds=bounds.scaled(factor))
+        varies = any(np.ptp(motion.tau, axis=0).any() for motion in motions)
+        delays = self.delays if varies else (self.least_delay, self.least_delay)
+        return replace(self, bounds=bounds.scaled(factor), delays=delays)
 
     def _reduced(self, motion: Trajectory) -> Quadratic:
         """Return the least-squares criterion of a motion by which the search box is sized."""

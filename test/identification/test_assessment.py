@@ -73,6 +73,12 @@ def test_poorly_determined_parameters_are_named_once():
     assert text.startswith('poorly determined')
 
 
+def test_a_rig_without_gravity_is_named_once():
+    theta = PAPER.vector() * [1, 1, 1, 0, 0, 1, 1]
+    (text,) = assess(replace(GOOD, theta=theta, free=theta > 0), SETTINGS, (5.0, 1.0)).warnings
+    assert text.startswith('the 95 % intervals of P4 and P5 reach 0: gravity hardly acts')
+
+
 def test_a_delay_at_the_end_of_its_search_is_an_error_unless_the_search_was_narrowed():
     fixed = replace(GOOD, effort=Effort('zero', 0.1))
     assert assess(AT_END, SETTINGS, LENGTH).level is Level.ERROR

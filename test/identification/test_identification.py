@@ -215,6 +215,19 @@ def test_a_delay_of_the_effort_is_found():
     assert result.best.exact
 
 
+@pytest.mark.parametrize(('torque', 'step', 'q'), [(0.02, 0.5, (0.5, 0.5)), (0.5, 0.0, HANGING), (0.5, 2.0, HANGING)])
+def test_a_steady_torque_is_no_fault_and_a_motion_at_rest_validates_nothing(torque, step, q):
+    rig = Parameters(P1=0.06, P2=0.03, P3=0.025, P4=0.25, P5=0.12, b1=0.01, b2=0.002, Fc1=0.03, Fc2=0.01)
+    t = np.arange(2000) * 0.01
+    motion = quantised(simulate(rig, t, np.outer(np.where(t < step, 0.0, torque), [1, 0]), q), 4096)
+    half = len(t) // 2
+    result = identify([motion[:half]], [motion[half:]])
+    assert not result.faults
+    assert result.level < Level.ERROR
+    assert ('validates nothing' in ' '.join(result.warnings)) == (torque == 0.5)
+    assert (np.abs(result.best.theta[:5] - rig.vector('geared')[:5]) < result.best.half_width[:5]).all()
+
+
 def test_a_measured_torque_gives_the_first_order_hold():
     """It changes linearly from sample to sample, where one that is commanded is held."""
     t, fine = np.arange(300) * 0.02, np.arange(5980) * 0.001
