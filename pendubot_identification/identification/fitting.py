@@ -354,28 +354,24 @@ def _refit(data: TrainingData, near: Problem, progress: Progress) -> Problem:
     return replace(near, likelihood=like, fit=_fit(like, near.fit.x, near.lower, near.upper, progress))
 
 
-def standardised_innovations(
-    motions: Sequence[Motion], theta: Array, delay: float, settings: Settings
-) -> tuple[list[Array], list[Array]]:
-    """Return, of each recording, times [s], shape (K,), and innovations at 0.05 s over their deviations, shape (K, 2).
+def with_fitted_noise(motions: Sequence[Motion], theta: Array, delay: float, settings: Settings) -> Problem:
+    """Return the fit of the shortest interval with given parameters: only the noise is fitted.
 
-    Theta and delay stay as they are; the noise is fitted.
+    Raises:
+        TrajectoryError: no filter follows the motion.
     """
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
     filter_data = FilterData.of(motions, _shortest(_stable_step(data, theta)))
     lower, upper = _limits(data, filter_data)
     known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
     lower[:SHARED], upper[:SHARED] = known, known
-    x = np.append(known, _first_noise(data, filter_data))
     like = Likelihood(filter_data)
     try:
-        x = fit(like, x, lower, upper).x
+        return Problem(like, fit(like, np.append(known, _first_noise(data, filter_data)), lower, upper), lower, upper)
     except FloatingPointError as error:
         raise TrajectoryError(
             f'{motions[0].name}: no filter follows this motion with these parameters; choose another window'
         ) from error
-    e, s = like.innovations(x)
-    return [filter_data.t[rows] for rows in filter_data.rows], [(e / np.sqrt(s))[rows] for rows in filter_data.rows]
 
 
 def _scale(data: TrainingData, theta: Array) -> Array:

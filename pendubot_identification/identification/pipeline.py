@@ -23,7 +23,7 @@ from .estimate import Progress
 from .fitting import Composite, TrainingData, fit_composite
 from .identification import Identification, Run
 from .prediction import folds
-from .residuals import remarks
+from .residuals import remarks, validation_remarks
 from .settings import Settings
 from .validation import validated
 
@@ -156,7 +156,8 @@ def _validate(run: Run, report: Progress) -> Run:
     answers = (validated(c, split, validation_motions, report) for c in run.criteria)
     # Zeros of single recordings would compensate a fault of all of them.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
-    return replace(split, estimates=estimates)
+    disturbed = () if run.composite is None or not run.sound else validation_remarks(run.composite, validation_motions)
+    return replace(split, estimates=estimates, remarks=(*run.remarks, *disturbed))
 
 
 def _assess(run: Run) -> Identification:

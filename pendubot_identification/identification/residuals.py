@@ -12,6 +12,7 @@ from scipy.special import stdtr
 
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.trajectories.motion import Motion
 
@@ -19,7 +20,7 @@ from .catalogue import compensated
 from .conventions import joint_regression
 from .estimate import Zeros
 from .fitting import SETTINGS as FITTING
-from .fitting import Composite
+from .fitting import Composite, with_fitted_noise
 from .selection import Problem
 
 
@@ -56,6 +57,16 @@ def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[
             f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '
             'shoulder and elbow; the intervals allow for them as far as recordings differ'
         )
+
+
+def validation_remarks(answer: Composite, motions: Sequence[Motion]) -> Iterator[str]:
+    """Yield the disturbances of validation recordings, which their prediction errors include."""
+    actual = [compensated(m, answer.effects, answer.delay) for m in motions if m.end - m.start > FITTING.shortest]
+    try:
+        if actual:
+            yield from disturbances(with_fitted_noise(actual, answer.theta, answer.delay, answer.data.settings))
+    except TrajectoryError as error:
+        yield str(error)
 
 
 def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:

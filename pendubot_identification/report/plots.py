@@ -23,7 +23,7 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.identification.catalogue import DetectedEffect, catalogue, compensated
-from pendubot_identification.identification.fitting import standardised_innovations
+from pendubot_identification.identification.fitting import with_fitted_noise
 from pendubot_identification.identification.linear import linear
 from pendubot_identification.identification.prediction import HORIZONS, LOST, predict, state_scale
 from pendubot_identification.level import NORMAL_95
@@ -247,8 +247,10 @@ class Prepared:
         motions, asked, answer = self.estimating, settings(self.result), self.result.criteria[criterion]
         theta = theta_of(answer.parameters).vector(self.result.model)
         if criterion == 'likelihood':
-            t, z = standardised_innovations(motions, theta, answer.effort.delay, asked)
-            return ('q1', 'q2'), 'standard deviations', 0.0, t, z
+            fitted = with_fitted_noise(motions, theta, answer.effort.delay, asked)
+            filter_data, (e, s) = fitted.likelihood.filter_data, fitted.likelihood.innovations(fitted.fit.x)
+            times, z = ([values[rows] for rows in filter_data.rows] for values in (filter_data.t, e / np.sqrt(s)))
+            return ('q1', 'q2'), 'standard deviations', 0.0, times, z
         names: tuple[str, ...] = (*JOINT_NAMES, 'energy')
         unit, overlap = 'N m', WIDTH
         if criterion == 'energy':

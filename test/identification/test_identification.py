@@ -331,6 +331,17 @@ def test_validation_data_do_not_change_the_estimate():
     assert (assessed.prediction.errors != other.prediction.errors).all()
 
 
+def test_a_disturbance_of_the_validation_data_is_named():
+    """Of an encoder that stands still for 0.4 s, for one."""
+    motion = recording(800, seed=2)
+    q = motion.q.copy()
+    q[600:640] = q[600]
+    for validation, named in ((motion, False), (replace(motion, q=q), True)):
+        result = identify([motion[:400]], [validation[400:]])
+        assert any(text.startswith('a disturbance: ') for text in result.warnings) == named
+        assert (result.level is Level.WARN) == named
+
+
 def test_the_one_recording_whose_elbow_is_turned_round_is_named():
     motions = [recording(400, seed=s, name=f'recording {s}') for s in range(3)]
     assert identify([m[:200] for m in motions[:2]], [], WEAK).level is Level.OK
