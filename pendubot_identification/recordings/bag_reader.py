@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads a bag: its topics and messages, and the motion of its joints in a window of time."""
+"""Reads a bag: its topics and messages, and the motion of its joints in a time window."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from .tables import is_table
 
 @dataclass(frozen=True, slots=True)
 class ReadSettings:
-    """Limits on the recordings that are read at once; a longer one takes hundreds of megabytes and minutes."""
+    """Limits on recordings that are read at once; a longer one needs hundreds of megabytes and minutes."""
 
-    longest: float = 600.0  #: Longest recording [s] ...
-    many: int = 200_000  #: ... and, of more samples than this, ...
-    longest_of_many: float = 180.0  #: ... the longest recording [s].
-    first_window: float = 60.0  #: Length of the window that the error message of a longer recording proposes [s].
-    latency_ns: int = 1_000_000_000  #: Largest expected difference of stamp and log time [ns].
-    late_end: float = 0.1  #: A window may end so long after the last sample without a warning [s]: users round.
+    longest: float = 600.0  #: Longest duration of a recording [s].
+    many: int = 200_000  #: Number of samples above which ``longest_of_many`` applies.
+    longest_of_many: float = 180.0  #: Longest duration of a recording with more than ``many`` samples [s].
+    first_window: float = 60.0  #: Duration of the window that the error for a longer recording proposes [s].
+    latency_ns: int = 1_000_000_000  #: Largest expected difference between stamp and log time [ns].
+    late_end: float = 0.1  #: Largest time from the last sample to a window's end without a warning [s]: users round.
 
     def exclude(self, samples: int, duration: float) -> bool:
-        """Return whether so many samples over so many seconds [s] are too long."""
+        """Return whether a recording with this number of samples and duration [s] is too long."""
         return duration > (self.longest if samples <= self.many else self.longest_of_many)
 
 
 SETTINGS = ReadSettings()
-#: Converted bags of ROS 1 and sqlite3, which are deleted when the program ends.
+#: Folders of converted ROS 1 and sqlite3 bags, which are deleted when the program ends.
 _folders: list[TemporaryDirectory[str]] = []
 
 
 @dataclass(frozen=True, slots=True)
 class BagWindow:
-    """A part of a bag: START <= t < END in seconds from its first sample; None leaves a side open."""
+    """A time window of a bag, START <= t < END [s] from its first sample; None leaves a side open."""
 
     path: Path
     start: float | None = None
@@ -63,12 +63,12 @@ class BagWindow:
 
     @classmethod
     def parse(cls, text: str) -> BagWindow:
-        """Return the window that ``BAG[@START:END]`` names; START or END may be left out, as in ``BAG@2:``.
+        """Return the window of a text ``BAG[@START:END]``; START or END may be omitted, as in ``BAG@2:``.
 
         Raises:
             BagError: the text is malformed, or the window empty or reversed.
         """
-        # A bag's own name may hold an @.
+        # The name of a bag may contain an @.
         if '@' not in text or os.path.exists(text):
             return cls(Path(text))
         path, _, window = text.rpartition('@')
@@ -81,11 +81,11 @@ class BagWindow:
         return cls(Path(path), start, end)
 
     def of(self, motion: Trajectory) -> Trajectory:
-        """Return the samples of a motion, t [s] from the bag's first sample, in the window; there may be none."""
+        """Return the samples of a motion in the window, possibly none; t [s] counts from the bag's first sample."""
         return motion[(motion.t >= (self.start or 0.0)) & (motion.t < (self.end or math.inf))]
 
     def cut(self, last: float) -> str:
-        """Return a warning if the window ends after the last sample, at ``last`` [s]; else nothing."""
+        """Return a warning if the window ends after the last sample, at ``last`` [s], else an empty text."""
         if self.end is None or self.end <= last + SETTINGS.late_end:
             return ''
         return (
@@ -102,29 +102,29 @@ class BagWindow:
 
 @dataclass(frozen=True)
 class RecordedTrajectory:
-    """A motion from a recording, t [s] from its first sample, and the recording's data for a result."""
+    """A motion from a recording, with t [s] from its first sample, and the recording's metadata for a result."""
 
     trajectory: Trajectory
     window: BagWindow
-    sha256: str  #: of the .mcap files, one after the other, or of the file with columns.
-    closed: bool  #: as of the reader.
-    note: str  #: warnings; else empty.
-    taken_as: str = ''  #: the options that a file's own names and units stand for.
+    sha256: str  #: hash of the concatenated .mcap files or of the table.
+    closed: bool  #: whether all files of the bag were closed.
+    note: str  #: warnings, or empty.
+    taken_as: str = ''  #: options inferred from the column names and units of a table.
 
 
 class BagReader:
-    """A bag folder or a single .mcap file, closed or not; metadata.yaml is not read.
+    """Reads a bag folder or a single .mcap file, closed or not; ignores metadata.yaml.
 
     Attributes:
-        files: its readable .mcap files in order.
-        unread: why nothing of a file can be read, by its path.
-        topics: type and number of messages of each, by name.
+        files: readable .mcap files in order.
+        unread: error by path of each unreadable file.
+        topics: message type and number of messages by topic.
         first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
         closed: whether all files were closed and can be read.
-        note: sentences about the intact messages if not; else empty.
+        note: sentences about the intact messages if ``closed`` is false, else empty.
 
     Raises:
-        BagError: there is no such bag, or it cannot be read.
+        BagError: the bag does not exist or cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -142,7 +142,7 @@ class BagReader:
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last message."""
+        """Time from the first to the last message [s]."""
         return (self.last_ns - self.first_ns) / 1e9
 
     @property
@@ -152,7 +152,7 @@ class BagReader:
 
     @cached_property
     def content_hash(self) -> str:
-        """The SHA-256 of the bag's .mcap files, one after the other, in hexadecimal."""
+        """The SHA-256 of the bag's concatenated .mcap files, in hexadecimal."""
         digest = hashlib.sha256()
         for file in self.files:
             with file.path.open('rb') as stream:
@@ -161,13 +161,13 @@ class BagReader:
         return digest.hexdigest()
 
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
-        """Yield messages as :meth:`McapFile.messages`, one file after the other, as ``ros2 bag play`` does."""
+        """Yield the messages of each file in turn, like ``ros2 bag play``; see :meth:`McapFile.messages`."""
         for file in self.files:
             yield from file.messages(topics, start_ns, end_ns)
 
 
 class OtherClockError(BagError):
-    """Stamps and log times are of different clocks, so that the index does not lead to a window's samples."""
+    """Stamps and log times come from different clocks, so that the index cannot locate a window's samples."""
 
 
 def joint_samples(
@@ -176,28 +176,28 @@ def joint_samples(
     conversion: Conversion,
     margin_ns: int = SETTINGS.latency_ns,
 ) -> Iterator[tuple[Indices, Array]]:
-    """Yield the samples of two joints in a window, many at once; not finite, late or out of order as they are.
+    """Yield the samples of two joints in a window, in blocks; values and their order are not checked.
 
     Each block is t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and position, effort
-    and velocity before the conversion, NaN where there is none, shape (N, 3, 2). By log time, the window and
-    ``margin_ns`` around it are read.
+    and velocity before the conversion, NaN if absent, shape (N, 3, 2). Only messages with log times at most
+    ``margin_ns`` outside the window are read.
 
     Raises:
-        BagError: the topic is not there or not of JointStates; a joint is missing or has no position or effort; a part
-            that is needed is damaged.
-        OtherClockError: at the end, if messages outside of the margin may belong to the window.
+        BagError: the topic is missing or has another type; a joint is missing or has no position or effort; a
+            required part of the file is damaged.
+        OtherClockError: at the end, if messages outside the margin may belong to the window.
     """
     topic = conversion.topic
-    there = {name: kind for name, (kind, count) in reader.topics.items() if count}
-    if there.get(topic) != JOINT_STATE:
-        states = [name for name, kind in there.items() if kind == JOINT_STATE]
-        what = f'its topics are {", ".join(there)}: record the joint states, too'
+    types = {name: kind for name, (kind, count) in reader.topics.items() if count}
+    if types.get(topic) != JOINT_STATE:
+        states = [name for name, kind in types.items() if kind == JOINT_STATE]
+        advice = f'its topics are {", ".join(types)}: record the joint states, too'
         if states:
-            what = f'add --topic {states[0]}{"".join(f", or {name}" for name in states[1:])}'
-        elif not there:
-            what = 'it is empty: record again while something is published'
+            advice = f'add --topic {states[0]}{"".join(f", or {name}" for name in states[1:])}'
+        elif not types:
+            advice = 'it is empty: record again while something is published'
         remedy = {'topic': states[0]} if len(states) == 1 else {}
-        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; {what}', **remedy)
+        raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; {advice}', **remedy)
     low, high = (round(min(bound * 1e9, FOREVER_NS)) for bound in (window.start or 0.0, window.end or math.inf))
     first = next(iter(next(reader.messages([topic]))))
     first_ns = stamp_of(decode_joint_state(first.data, f'{reader.path}: {topic}, sample 0'))
@@ -208,20 +208,20 @@ def joint_samples(
         stamps, values = decode(messages)
         elapsed_ns = stamps - first_ns
         earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
-        # With no START, a trajectory reports stamps that run back beyond the first.
+        # Without START, stamps before the first one stay, so that the check of the trajectory reports them.
         wanted = elapsed_ns < high if window.start is None else (low <= elapsed_ns) & (elapsed_ns < high)
         if wanted.any():
             yield elapsed_ns[wanted], values[wanted]
     covered = earliest <= low and (latest >= high or until_ns > reader.last_ns)
     if margin_ns < FOREVER_NS and not covered:
-        raise OtherClockError(f'{window}: its stamps are of another clock than its log times; track the complete bag')
+        raise OtherClockError(f'{window}: its stamps and log times are of different clocks; track the complete bag')
 
 
 Reader = BagReader | TableReader
 
 
 def open_recording(path: Path, conversion: Conversion) -> Reader:
-    """Return the reader of a bag or of a file with columns. May raise BagError."""
+    """Return the reader of a bag or of a table. May raise BagError."""
     return TableReader(path, conversion) if is_table(path) else BagReader(path)
 
 
@@ -230,17 +230,16 @@ def read_trajectory(
     conversion: Conversion | None = None,
     reader: Reader | None = None,
 ) -> RecordedTrajectory:
-    """Read the motion of two joints from a window of a recording, or from all of it.
+    """Read the motion of two joints from a recording or a window of it.
 
-    Messages of a bag may hold the joints in any order, among others. ``reader`` is the recording's reader, if it is
+    Messages may list the joints in any order, among further joints. ``reader`` is the recording's reader, if it is
     open already.
 
     Raises:
-        BagError: the bag, the topic or a joint is not there, or without effort or position.
-        TableError: a file with columns cannot be read, or lacks one.
-        TrajectoryError: the window holds no or too few samples; values that are not finite; stamps that repeat or
-            run backwards.
-        LongRecordingError: it is too long to be read at once.
+        BagError: the bag, the topic or a joint is missing, or a joint has no effort or position.
+        TableError: a table cannot be read, or lacks a column.
+        TrajectoryError: the window holds no or too few samples; a value is not finite; stamps repeat or run backwards.
+        LongRecordingError: the window is too long to be read at once.
     """
     window, conversion = BagWindow(window) if isinstance(window, Path) else window, conversion or Conversion()
     reader, taken_as, repeats = reader or open_recording(window.path, conversion), '', ''
@@ -260,11 +259,11 @@ def read_trajectory(
 
 
 def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) -> Iterator[Array]:
-    """Yield rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m], many at a time.
+    """Yield blocks, shape (N, 5), of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m].
 
     Raises:
         BagError, OtherClockError: as :func:`joint_samples`.
-        TableError: a file with columns cannot be read, or lacks one.
+        TableError: a table cannot be read, or lacks a column.
     """
     if isinstance(reader, TableReader):
         motion = window.of(reader.motion)
@@ -282,7 +281,7 @@ def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) ->
 
 
 def _collect(reader: BagReader, window: BagWindow, conversion: Conversion) -> tuple[Indices, Array]:
-    """Return all samples of a window as one block; of too long a recording, enough of them to recognise that."""
+    """Return the samples of a window as one block; reading stops as soon as they are too many or too long."""
     for margin_ns in (SETTINGS.latency_ns, FOREVER_NS):
         times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
         with suppress(OtherClockError):
@@ -297,7 +296,7 @@ def _collect(reader: BagReader, window: BagWindow, conversion: Conversion) -> tu
 
 
 def _require_short(window: BagWindow, t: Array, duration: float) -> None:
-    """Raise TrajectoryError for an empty or too long window, with samples at t [s], of ``duration`` [s]."""
+    """Raise TrajectoryError if a window of samples at t [s], from a recording of ``duration`` [s], is empty or long."""
     if not len(t):
         raise TrajectoryError(f'{window} holds no sample; choose a time within the {duration:.3f} s of the recording')
     if not SETTINGS.exclude(len(t), min(float(t[-1] - t[0]), duration)):
@@ -306,7 +305,7 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
     longest = SETTINGS.longest if len(t) <= SETTINGS.many else SETTINGS.longest_of_many
     lasts = min(window.end or math.inf, duration) - start
     raise LongRecordingError(
-        f'{window} is too long: it lasts {lasts:.0f} s, and at most {longest:g} s are taken at once',
+        f'{window} is too long: it lasts {lasts:.0f} s, and at most {longest:g} s are read at once',
         str(window),
         str(BagWindow(window.path, window.start, start + SETTINGS.first_window)),
     )
@@ -314,15 +313,15 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
 
 @cache
 def _as_mcap(path: Path) -> Path:
-    """Return a folder with the JointStates of a bag of ROS 1 or storage sqlite3 in MCAP; of another bag, its path."""
+    """Convert the JointStates of a ROS 1 or sqlite3 bag to MCAP and return the folder; return other paths as given."""
     try:
         if path.is_dir():
-            other = any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
+            convertible = any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
         else:
-            other = path.suffix in ('.bag', '.db3') and path.is_file()
-    except OSError:  # it cannot be read, which the reader says
-        other = False
-    if not other:
+            convertible = path.suffix in ('.bag', '.db3') and path.is_file()
+    except OSError:  # the reader reports it
+        convertible = False
+    if not convertible:
         return path
     from rosbags.convert import ConverterError, convert
     from rosbags.highlevel import AnyReaderError
@@ -342,7 +341,7 @@ def _as_mcap(path: Path) -> Path:
 
 
 def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
-    """Return the readable files of a bag in order, and errors by file for others; BagError if none is readable."""
+    """Return the readable files of a bag in order, and the errors of others by path; BagError if none is readable."""
     if os.path.isfile(path):
         return [McapFile(path)], {}
     try:
@@ -364,7 +363,7 @@ def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
             files.append(McapFile(file))
         except BagError as error:
             unread[file] = str(error)
-    # A power cut may leave one empty, but not all.
+    # A power cut may leave a file empty, but not all files.
     if not files:
         raise BagError(next(iter(unread.values())))
     return files, unread

@@ -22,16 +22,16 @@ from .survey import missing_numbers
 class SavedFile:
     """The result of repairing one file of a bag.
 
-    Missing messages are counted by the index, or else by gaps in the recorder's numbers. Messages after the last saved
-    one are unknown.
+    Missing messages are counted by the index or by gaps in the recorder's numbers; the larger count holds. Losses
+    after the last saved message are unknown.
     """
 
-    file: str  #: the original's path
-    closed: bool = False  #: whether it had an end and an index
-    saved: dict[str, int] = field(default_factory=dict)  #: messages, by topic
-    missing: dict[str, int] = field(default_factory=dict)  #: messages, by topic
-    damaged: list[Damage] = field(default_factory=list)  #: parts that were not used
-    unread: str = ''  #: why nothing of it can be read; else empty
+    file: str  #: path of the original
+    closed: bool = False  #: whether the original had an end and an index
+    saved: dict[str, int] = field(default_factory=dict)  #: number of saved messages by topic
+    missing: dict[str, int] = field(default_factory=dict)  #: number of missing messages by topic
+    damaged: list[Damage] = field(default_factory=list)  #: damaged parts, which are not copied
+    unread: str = ''  #: error of an unreadable file, or empty
 
     @property
     def intact(self) -> bool:
@@ -40,17 +40,17 @@ class SavedFile:
 
 
 def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFile]:
-    """Write a closed copy of a bag, in one file, with every intact message; the original is only read.
+    """Write a closed copy of a bag, in one file, with every intact message; the original stays as it is.
 
     Messages, their times and numbers, topics, types and qualities of service are copied byte for byte, each file's
     messages in the order of log time.
 
     Raises:
-        BagError: there is no such bag, nothing of it can be saved, the output is taken or the system refuses to write.
+        BagError: the bag does not exist or has no intact message, the output exists, or writing fails.
     """
     source, target = Path(path).resolve(), Path(output).resolve()
     if source == target or source in target.parents or target in source.parents:
-        raise BagError(f'{output} is the bag itself, or in or around it; give another --output')
+        raise BagError(f'{output} is the bag itself, inside it or contains it; give another --output')
     bag = BagReader(path)
     if not any(file.channels for file in bag.files):
         raise BagError(f'{path} holds no intact message; copy it again from the recorder')
@@ -67,7 +67,7 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
 
 
 def _copied(file: McapFile, copy: BagWriter, last_numbers: Counter[str]) -> SavedFile:
-    """Append one file to those before; ``last_numbers`` are the last message numbers by topic."""
+    """Append the messages of one file to the copy; ``last_numbers`` are the last message numbers by topic."""
     to = {
         number: copy.add_channel(file.schemas[channel.schema_id], channel)
         for number, channel in sorted(file.channels.items())

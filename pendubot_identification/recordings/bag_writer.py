@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writes a bag: a folder with an .mcap file and metadata.yaml, as rosbag2 writes it, that survives SIGKILL."""
+"""Writes a bag as rosbag2 does, a folder with an .mcap file and metadata.yaml; SIGKILL does not damage it."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from .message_types import message_definition
 
 @dataclass(frozen=True, slots=True)
 class WriteSettings:
-    """When a chunk is written, and how much space it takes beside its messages."""
+    """Limits of a chunk, and the file's largest overhead in addition to the message data."""
 
     interval_ns: int = 100_000_000  #: Longest difference of log times in a chunk [ns]: a killed program loses it.
     chunk_size: int = 64 * 1024  #: Largest size of a chunk with more than one message [bytes].
-    message_cost: int = 64  #: Largest overhead of a message, ...
-    chunk_cost: int = 256  #: ... of a chunk, ...
-    index_cost: int = 64  #: ... of a channel of a chunk, ...
-    file_cost: int = 16384  #: ... and of a file or topic, beside the data [bytes].
+    message_cost: int = 64  #: Largest overhead of a message [bytes].
+    chunk_cost: int = 256  #: Largest overhead of a chunk [bytes].
+    index_cost: int = 64  #: Largest overhead of a channel of a chunk [bytes].
+    file_cost: int = 16384  #: Largest overhead of a file or topic [bytes].
 
 
 SETTINGS = WriteSettings()
@@ -60,7 +60,7 @@ RELIABLE = Qos(
 
 
 class RefusedError(BagError):
-    """A bag that cannot be written any more, with the system's reason."""
+    """A bag can no longer be written; ``reason`` is the operating system's message."""
 
     def __init__(self, sentence: str, reason: str) -> None:
         super().__init__(sentence)
@@ -68,24 +68,24 @@ class RefusedError(BagError):
 
 
 class BagWriter:
-    """A bag being written, from the moment this is made until :meth:`close`; also a context manager.
+    """Writes a bag from its construction until :meth:`close`; also a context manager.
 
-    A message is with the operating system once a message 0.1 s younger arrives, and on the disk after :meth:`sync`: a
-    killed program loses only later messages. The bag closes itself before the disk is full. All methods may be called
-    from any thread.
+    A message reaches the operating system when a message 0.1 s later arrives, and the disk with :meth:`sync`. A
+    killed program loses only messages that did not reach the operating system. The bag is closed before the disk is
+    full. All methods may be called from any thread.
 
     Args:
-        path: the bag's folder, which must not exist; it is made, with the folders above it.
-        reserve: free space of the disk that is left to other programs [bytes].
-        folder: the folder to write to, if it is another one.
+        path: the bag's folder, which must not exist; it is created with its parents.
+        reserve: free disk space that is left to other programs [bytes].
+        folder: the folder to write to; None: ``path``.
 
     Attributes:
-        origin: entries of metadata.yaml that a copy takes over from the original, such as ``custom_data``.
+        origin: entries of metadata.yaml that are copied from another bag, such as ``custom_data``.
 
     Raises:
-        BagError: the name is taken.
-        RefusedError: the reserve is not free, or the system refuses to write. Every method raises it then, and the bag
-            keeps its complete chunks.
+        BagError: the folder exists.
+        RefusedError: the free space is below the reserve, or writing fails. Every later call raises it again, and the
+            bag keeps its complete chunks.
     """
 
     def __init__(self, path: Path, *, reserve: int = 0, folder: Path | None = None) -> None:
@@ -116,11 +116,11 @@ class BagWriter:
 
     @property
     def free(self) -> int:
-        """Free space of its disk [bytes]."""
+        """Free space of the bag's disk [bytes]."""
         return shutil.disk_usage(self._folder).free
 
     def add_topic(self, topic: str, type_name: str, *offered: Qos) -> int:
-        """Announce a topic of a type such as ``std_msgs/msg/Float64``; return the channel to write to.
+        """Add a topic of a type such as ``std_msgs/msg/Float64`` and return its channel.
 
         ``offered`` are the qualities of service of its publishers.
 
@@ -135,7 +135,7 @@ class BagWriter:
         )
 
     def add_channel(self, schema: Schema, channel: Channel) -> int:
-        """Announce a topic as another bag describes it; return its channel, the same one for equal descriptions."""
+        """Add a topic with the schema and channel of another bag and return its channel; equal topics share one."""
         metadata = {'offered_qos_profiles': '', 'topic_type_hash': ''} | channel.metadata
         with self._explained():
             same = [known for known, _ in self._topics.values() if replace(known, id=schema.id) == schema]
@@ -145,8 +145,8 @@ class BagWriter:
                 if replace(known, id=channel.id) == channel:
                     return number
             channel.id = self._mcap.register_channel(channel.topic, channel.message_encoding, schema_id, metadata)
-            # The library writes both into the next chunk. If that one is damaged in an unclosed file, this copy makes
-            # the others readable.
+            # The library writes both into the next chunk alone. If that chunk is damaged in an unclosed file, this
+            # copy keeps the others readable.
             self._hand_over()
             records = RecordBuilder()
             schema.write(records)
@@ -161,7 +161,7 @@ class BagWriter:
     ) -> None:
         """Write one message, as CDR with its encapsulation header.
 
-        Times are of receiving and publishing [ns since the epoch]; ``sequence`` is its number on this channel.
+        The times are of receiving and publishing [ns since the epoch]; ``sequence`` numbers the channel's messages.
         """
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         size = len(data) + SETTINGS.message_cost
@@ -174,20 +174,20 @@ class BagWriter:
             self._first_ns, self._last_ns = min(self._first_ns, log_time_ns), max(self._last_ns, log_time_ns)
             self._counts[channel] += 1
             self._pending += size
-            # A clock that was set back must not stop the flushing.
+            # Flush also after the clock was set back.
             if abs(log_time_ns - self._flushed_ns) >= SETTINGS.interval_ns:
                 self._flush()
                 self._flushed_ns = log_time_ns
 
     def flush(self) -> None:
-        """Hand everything written so far to the system."""
+        """Pass all written messages to the operating system."""
         with self._lock:
             if self._closed is None:
                 with self._explained():
                     self._flush()
 
     def sync(self) -> None:
-        """Put all chunks on the disk and describe them in metadata.yaml; other threads may write meanwhile."""
+        """Force all chunks to the disk and update metadata.yaml; other threads may write meanwhile."""
         with self._lock:
             self.flush()
             if self._closed is not None:
@@ -203,7 +203,7 @@ class BagWriter:
             os.close(descriptor)
 
     def close(self) -> None:
-        """Write the index and metadata.yaml, and close the bag; a second time does nothing."""
+        """Write the index and metadata.yaml, and close the bag; a second call does nothing."""
         with self._lock:
             if self._closed is None:
                 with self._explained():
@@ -216,7 +216,7 @@ class BagWriter:
         self.close()
 
     def _flush(self, coming: int = 0) -> None:
-        """Write the pending chunk; if the space is needed to close the bag, close it without the coming message."""
+        """Write the pending chunk; close the bag if the index and ``coming`` more bytes would not fit on the disk."""
         chunks = (self._chunks + 1) * (SETTINGS.chunk_cost + SETTINGS.index_cost * len(self._topics))
         needed = self._pending + coming + chunks + SETTINGS.file_cost * (1 + len(self._topics))
         if reason := _shortage(self._folder, needed, self._reserve, self._complete_size):
@@ -278,10 +278,10 @@ class BagWriter:
         """Write metadata.yaml, unless it is up to date."""
         with self._lock:
             content, known = self._information(), (len(self._topics), self._counts.total())
-        # The lock is free meanwhile, for messages.
+        # Without the lock, so that other threads can write messages.
         with self._describing:
             if known > self._described:
-                # Atomically, even if the power fails meanwhile.
+                # The file is replaced atomically, even if the power fails.
                 temporary = self._folder / f'{METADATA}.tmp'
                 with temporary.open('w', encoding='utf-8') as file:
                     file.write(yaml_text({'rosbag2_bagfile_information': content}))
@@ -293,7 +293,7 @@ class BagWriter:
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
-        """Explain an error of the operating system in a sentence, and leave a bag of complete chunks."""
+        """Raise an OSError as a RefusedError with a sentence, and truncate the file to its complete chunks."""
         with self._lock:
             if self._closed is not None:
                 raise self._closed
@@ -313,12 +313,12 @@ class BagWriter:
 
 @contextmanager
 def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
-    """Write a complete bag or none: until it is complete, its name is ``NAME.NUMBER.partial``.
+    """Write a complete bag or none: its folder is ``NAME.PID.partial`` until it is complete.
 
-    With ``overwrite`` it then replaces a bag of this name. Files and folders that are no bags are never touched.
+    With ``overwrite`` it then replaces a bag of this name, but no other file or folder.
 
     Raises:
-        BagError: the name is taken, or the system refuses to write.
+        BagError: the name is taken, or writing fails.
     """
     path = Path(path)
     if os.path.lexists(path) and not overwrite:
@@ -326,30 +326,30 @@ def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
     try:
         _bag_files(path)
         # Two programs that write the same bag must not share a folder.
-        beside = path.absolute().with_name(f'{path.absolute().name}.{os.getpid()}.partial')
+        partial = path.absolute().with_name(f'{path.absolute().name}.{os.getpid()}.partial')
         try:
-            with BagWriter(path, folder=beside) as bag:
+            with BagWriter(path, folder=partial) as bag:
                 yield bag
             if overwrite:
                 for file in _bag_files(path):
                     file.unlink()
-            os.rename(beside, path)
-            sync_folder(beside.parent)
+            os.rename(partial, path)
+            sync_folder(partial.parent)
         finally:
-            shutil.rmtree(beside, ignore_errors=True)
+            shutil.rmtree(partial, ignore_errors=True)
     except (RefusedError, OSError) as error:
         reason = error.reason if isinstance(error, RefusedError) else error.strerror
         raise BagError(f'{path} is not written: {reason}; free some space or choose another place') from error
 
 
 def _shortage(folder: Path, needed: int, reserve: int, size: int = 0) -> str:
-    """Return the reason why so many bytes cannot be added to a file of this size beside the reserve; or nothing."""
+    """Return why ``needed`` bytes cannot be added to a file of ``size`` bytes with ``reserve`` bytes left, or ''."""
     disk = os.statvfs(folder)
     free = disk.f_bavail * disk.f_frsize
     # Some file systems report no size.
     if disk.f_blocks and free < needed + reserve:
-        kept = f', of which {reserve / 1e6:.1f} MB are the reserve' if reserve else ''
-        return f'its disk has {free / 1e6:.1f} MB left{kept}'
+        reserved = f', including the reserve of {reserve / 1e6:.1f} MB' if reserve else ''
+        return f'its disk has {free / 1e6:.1f} MB left{reserved}'
     limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
     if limit != resource.RLIM_INFINITY and size + needed > limit:
         return f'the system limits files to {limit / 1e6:.3f} MB (ulimit -f)'
@@ -357,7 +357,7 @@ def _shortage(folder: Path, needed: int, reserve: int, size: int = 0) -> str:
 
 
 def _bag_files(path: Path) -> list[Path]:
-    """Return the files of a bag that may be replaced; BagError if the path is something else."""
+    """Return the files of a bag that may be replaced; raise BagError if the path is no bag."""
     if not os.path.lexists(path):
         return []
     content = sorted(path.iterdir()) if path.is_dir() else []
@@ -378,7 +378,7 @@ def offered_profiles(text: str) -> list[Qos]:
 
 
 def read_information(folder: Path) -> dict[str, Any]:
-    """Return the content of a folder's metadata.yaml; nothing if it is missing or damaged."""
+    """Return the content of a folder's metadata.yaml; empty if it is missing or damaged."""
     with suppress(OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, LookupError):
         content = yaml.safe_load((folder / METADATA).read_text(encoding='utf-8'))
         return dict(content['rosbag2_bagfile_information'])
@@ -386,7 +386,7 @@ def read_information(folder: Path) -> dict[str, Any]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Put the names of a folder's files on the disk: the fsync of a file omits its name."""
+    """Force the names of a folder's files to the disk: the fsync of a file omits its name."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -20,7 +20,7 @@ NAMES = {
     'motormoment couple couple1 couplemoteur par parmotor 力矩 扭矩 转矩 电机力矩',
 }
 _QUANTITY = {name: quantity for quantity, names in NAMES.items() for name in names.split()}
-#: The option that reads a unit, and its value, by the unit without spaces and in lower case.
+#: Option and its value by unit, in lower case without spaces.
 UNITS = {
     **{unit.lower(): ('time_unit', unit) for unit in TIME_UNITS},
     **{unit.lower(): ('torque_unit', unit) for unit in TORQUE_UNITS},
@@ -37,7 +37,7 @@ _CURRENT = re.compile(
 
 
 def split(column: str) -> tuple[str, str]:
-    """Return the name of a column and its unit, empty if there is none: q1 [deg], tau (mNm), t_ms, angle/deg."""
+    """Split a column's title such as q1 [deg], tau (mNm), t_ms or angle/deg into name and unit, perhaps empty."""
     match = re.fullmatch(r'(.*?)\s*[\[(]\s*([^\])]*)[\])]\s*|(.*\S)\s*[_/]\s*([^\W_]+|°)', column.strip())
     if match and match[1]:
         return match[1], match[2].strip()
@@ -47,24 +47,24 @@ def split(column: str) -> tuple[str, str]:
 
 
 def option_of(unit: str) -> tuple[str, str] | None:
-    """Return the option that reads a unit, such as mN m or deg, and its value; None if there is none."""
+    """Return the option and its value for a unit such as mN m or deg; None for an unknown unit."""
     return UNITS.get(re.sub(r'[\s*·]', '', unit.lower()))
 
 
 def is_unit(word: str) -> bool:
-    """Return whether a word is a unit that is known."""
+    """Return whether a word is a known unit."""
     return option_of(word) is not None or word in CURRENT_UNITS
 
 
 def quantity_of(column: str) -> str:
-    """Return the quantity that a column holds by its usual name; empty if it has none."""
+    """Return the quantity of a column by its usual name, or an empty text."""
     return _QUANTITY.get(_plain(split(column)[0]), '')
 
 
 def is_current(column: str, unit: str = '') -> bool:
     """Return whether a column holds a motor current, by its name or unit."""
-    name, own = split(column)
-    return (unit or own or name) in CURRENT_UNITS or _CURRENT.fullmatch(_plain(name)) is not None
+    name, suffix = split(column)
+    return (unit or suffix or name) in CURRENT_UNITS or _CURRENT.fullmatch(_plain(name)) is not None
 
 
 def _plain(name: str) -> str:

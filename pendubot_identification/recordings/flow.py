@@ -10,15 +10,15 @@ from pendubot_identification.level import Diagnosis, Level
 
 #: Latency from publishing to writing that causes a warning [s].
 LATE = 1.0
-#: A warning is due when the free space is this many reserves.
+#: Ratio of free space to reserve below which a warning is due.
 SCARCE = 2
 
 
 @dataclass
 class Flow:
-    """Counts the messages of one topic, and those that were published in between and never arrived.
+    """Counts the received and the lost messages of one topic.
 
-    A publisher numbers its messages from 1 on. With several publishers on a topic, losses are not counted.
+    Gaps in the publisher's message numbers are losses. With several publishers on a topic, losses are not counted.
     """
 
     count: int = 0
@@ -28,17 +28,17 @@ class Flow:
     _lag_ns: int = 0
 
     def add(self, number: int | None, lag_ns: int, publishers: int = 1) -> None:
-        """Count a message: its publisher's number for it, if there is one, and its latency [ns]."""
+        """Count a message with its publisher's number for it, if known, and its latency [ns]."""
         self.count += 1
         self._since += 1
         self._lag_ns = max(self._lag_ns, lag_ns)
         if number is not None and self._last is not None and publishers == 1:
-            # A lower number is of a publisher that was restarted.
+            # The number falls when the publisher restarts.
             self.lost += max(number - self._last - 1, 0)
         self._last = number if publishers == 1 else None
 
     def pause(self) -> None:
-        """Do not count the messages until the next one as lost."""
+        """Do not count messages before the next one as lost."""
         self._last = None
 
     def report(self, elapsed: float) -> tuple[float, float]:
@@ -53,9 +53,9 @@ def diagnose(
 ) -> Diagnosis:
     """Return the state of a recording, ``elapsed`` seconds after the last call; ``troubles`` are further warnings.
 
-    ``free`` is the free space of the disk; at ``reserve`` the recording ends [bytes].
+    ``free`` is the free disk space [bytes]; the recording ends when it falls to ``reserve`` [bytes].
     """
-    warnings: dict[str, bool] = {}  # sentences, and whether they hold
+    warnings: dict[str, bool] = {}  # condition by sentence
     values: dict[str, str] = {}
     for topic, flow in flows.items():
         rate, lag = flow.report(elapsed)
@@ -69,5 +69,5 @@ def diagnose(
     scarce = f'{free / 1e6:.0f} MB left on the disk; the bag is closed at {reserve / 1e6:.0f}'
     warnings |= {scarce: free < SCARCE * reserve, **dict.fromkeys(troubles, True)}
     values |= {'free [MB]': f'{free / 1e6:.1f}', 'reserve [MB]': f'{reserve / 1e6:.1f}'}
-    said = '; '.join(sentence for sentence, holds in warnings.items() if holds)
-    return Diagnosis(Level.WARN if said else Level.OK, said or 'recording', values)
+    message = '; '.join(sentence for sentence, holds in warnings.items() if holds)
+    return Diagnosis(Level.WARN if message else Level.OK, message or 'recording', values)

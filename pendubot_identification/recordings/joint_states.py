@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``sensor_msgs/msg/JointState`` as bytes, one by one or many at once, and bags of them."""
+"""Encodes and decodes ``sensor_msgs/msg/JointState``, and writes a motion as a bag of such messages."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .message_types import typestore
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 #: Start of a motion without a clock [ns since the epoch]: fixed, so that the same motion gives the same bytes.
 EPOCH_NS = 1_500_000_000_000_000_000
-#: CDR's encapsulation, and the stamp with which a header begins.
+#: The start of a message: CDR encapsulation and stamp.
 STAMP = np.dtype([('encapsulation', 'V4'), ('sec', '<i4'), ('nanosec', '<u4')])
 
 
@@ -33,7 +33,7 @@ def encode_joint_state(
 ) -> bytes:
     """Return a JointState as CDR, with its encapsulation header: stamp [ns], names of the joints, and their values.
 
-    Position [rad], velocity [rad/s] and effort [N m] have shape (number of joints,), or (0,) where they are unknown.
+    Position [rad], velocity [rad/s] and effort [N m] have shape (number of joints,), or (0,) if unknown.
     """
     types = typestore().types
     stamp = types['builtin_interfaces/msg/Time'](*divmod(int(stamp_ns), 1_000_000_000))
@@ -44,7 +44,7 @@ def encode_joint_state(
 
 
 def decode_joint_state(data: bytes, where: str = 'a message') -> Any:
-    """Return a JointState in CDR as rosbags' message. Raises BagError: the bytes, from ``where``, are no JointState."""
+    """Decode a JointState from CDR by rosbags. Raises BagError: the bytes, from ``where``, are no JointState."""
     try:
         return typestore().deserialize_cdr(data, JOINT_STATE)
     except SerdeError as error:
@@ -56,16 +56,16 @@ def stamp_of(message: Any) -> int:
     return int(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
 
 
-def stamps_ns(found: NDArray[np.void]) -> Indices:
-    """Return stamps [ns], shape (N,), of the starts of little-endian messages, each a :data:`STAMP`."""
-    return found['sec'].astype(np.int64) * 1_000_000_000 + found['nanosec']
+def stamps_ns(starts: NDArray[np.void]) -> Indices:
+    """Return the stamps [ns] in the starts of little-endian messages, dtype :data:`STAMP`; both have shape (N,)."""
+    return starts['sec'].astype(np.int64) * 1_000_000_000 + starts['nanosec']
 
 
 class JointDecoder:
-    """Reads two joints from many JointStates at once; ``source`` is named in errors.
+    """Decodes two joints from blocks of JointStates; errors name ``source``.
 
-    Efforts are those of ``effort_names``, by default of the joints themselves. rosbags decodes one JointState; numpy
-    reads all others of the same layout.
+    Efforts are read from the entries ``effort_names``, by default from the joints. rosbags decodes the first
+    JointState of a layout; numpy decodes all others.
     """
 
     def __init__(self, joint_names: Sequence[str], source: str, effort_names: Sequence[str] | None = None) -> None:
@@ -75,10 +75,10 @@ class JointDecoder:
         self._layout: _Layout | None = None
 
     def __call__(self, messages: Messages) -> tuple[Indices, Array]:
-        """Return stamps [ns], shape (N,), and position, effort and velocity, NaN where there is none, shape (N, 3, 2).
+        """Return stamps [ns], shape (N,), and position, effort and velocity, NaN if absent, shape (N, 3, 2).
 
         Raises:
-            BagError: one is no JointState, or lacks a joint, its position or its effort.
+            BagError: a message is no JointState, or lacks a joint, its position or its effort.
         """
         stamps, values = np.empty(len(messages), np.int64), np.full((len(messages), 3, 2), np.nan)
         remaining = np.arange(len(messages))
@@ -100,15 +100,15 @@ class JointDecoder:
 
     def _indices(self, state: Any, where: str) -> tuple[list[int], list[int]]:
         """Return the indices of both joints and of their efforts, which may be separate entries."""
-        n, there = len(state.name), ', '.join(state.name) or 'none'
+        n, listed = len(state.name), ', '.join(state.name) or 'none'
         if missing := [name for name in self._joint_names if name not in state.name]:
             raise BagError(
-                f'{where} has no joint {missing[0]!r}; its joints are {there}: name two of these with --joints '
+                f'{where} has no joint {missing[0]!r}; its joints are {listed}: name two of these with --joints '
                 'SHOULDER,ELBOW'
             )
         if missing := [name for name in self._effort_names if name not in state.name]:
             raise BagError(
-                f'{where} has no measured current: its joints are {there}, and {missing[0]} is expected beside them; '
+                f'{where} has no measured current: its joints are {listed}, and {missing[0]} is expected beside them; '
                 'record with a bridge of this version, or leave out --torque-constant'
             )
         if len(state.position) != n:
@@ -124,9 +124,9 @@ class JointDecoder:
 class _Layout(NamedTuple):
     """The layout of JointStates with the same frame and names."""
 
-    example: NDArray[np.uint8]  #: the bytes of one of them.
-    same: NDArray[np.uint8]  #: 255 for each byte in which all of them are the same, else 0.
-    offsets: list[int]  #: of the decoder's numbers: positions, efforts and, if there are any, velocities.
+    example: NDArray[np.uint8]  #: bytes of one message, shape (size,).
+    same: NDArray[np.uint8]  #: 255 for a byte that all messages share, else 0, shape (size,).
+    offsets: list[int]  #: offsets [bytes] of both positions, both efforts and, if present, both velocities.
 
     @classmethod
     def of(cls, data: bytes, state: Any, joints: list[int], efforts: list[int]) -> _Layout | None:
@@ -134,30 +134,30 @@ class _Layout(NamedTuple):
         again = encode_joint_state(0, state.name, state.position, state.velocity, state.effort, state.header.frame_id)
         if len(again) != len(data) or again[:2] != data[:2]:
             return None
-        # The arrays end the message; before each stand its length and the padding to 8 bytes.
+        # The arrays are last in the message; their length and padding to 8 bytes precede each.
         n, m = len(state.name), len(state.velocity)
         effort = len(data) - 8 * n
         velocity = effort - 8 * (m + 1) if m else effort
         position = velocity - 8 * (n + 1)
         example = np.frombuffer(data, np.uint8)
-        # Bytes that differ from the encoder's are padding, which has any content.
+        # Bytes that differ from the encoder's are padding with arbitrary content.
         same = np.where(example == np.frombuffer(again, np.uint8), 255, 0).astype(np.uint8)
         for start, size in ((4, 8), (position, 8 * n), (velocity, 8 * m), (effort, 8 * n)):
             same[start : start + size] = 0  # the stamp and the numbers
         offsets = [position + 8 * k for k in joints] + [effort + 8 * k for k in efforts]
         return cls(example, same, offsets + [velocity + 8 * k for k in joints if m == n])
 
-    def read(self, messages: Messages, which: NDArray[np.intp], stamps: Indices, values: Array) -> Flags:
-        """Read those of the messages ``which`` that have this layout into their places; return a mask of them."""
+    def read(self, messages: Messages, selected: NDArray[np.intp], stamps: Indices, values: Array) -> Flags:
+        """Decode the selected messages that have this layout into stamps and values; return the mask of these."""
         size = len(self.example)
-        found = messages.heads['length'][which] == FIELDS + size
-        rows = messages.part(which[found]).contents(f'V{size}').view(np.uint8).reshape(-1, size)
-        found[found] = same = ~((rows ^ self.example) & self.same).any(axis=1)
-        rows, which = rows[same], which[found]
-        stamps[which] = stamps_ns(rows[:, : STAMP.itemsize].view(STAMP)[:, 0])
-        for k, at in enumerate(self.offsets):
-            values.reshape(-1, 6)[which, k] = rows[:, at : at + 8].view('<f8')[:, 0]
-        return found
+        matching = messages.heads['length'][selected] == FIELDS + size
+        rows = messages.part(selected[matching]).contents(f'V{size}').view(np.uint8).reshape(-1, size)
+        matching[matching] = same = ~((rows ^ self.example) & self.same).any(axis=1)
+        rows, selected = rows[same], selected[matching]
+        stamps[selected] = stamps_ns(rows[:, : STAMP.itemsize].view(STAMP)[:, 0])
+        for k, offset in enumerate(self.offsets):
+            values.reshape(-1, 6)[selected, k] = rows[:, offset : offset + 8].view('<f8')[:, 0]
+        return matching
 
 
 def write_trajectory(
@@ -165,16 +165,16 @@ def write_trajectory(
 ) -> None:
     """Write a motion as a complete bag with the topic ``/joint_states``, or none.
 
-    Without velocities, the messages have none. ``progress`` is called with the number of samples written.
+    The messages have velocities if the motion has. ``progress`` is called with the number of samples written.
 
     Raises:
-        BagError: the name is taken, or the system refuses to write.
+        BagError: the name is taken, or writing fails.
     """
     from .bag_writer import complete_bag  # readers do not need it
 
     if (last := EPOCH_NS / 1e9 + float(trajectory.t.max(initial=0.0))) >= 2**31:
         raise BagError(
-            f'{trajectory.name}: its last stamp would be {last:.6g} s after 1970, and a stamp of ROS ends in 2038; '
+            f'{trajectory.name}: its last stamp would be {last:.6g} s after 1970, and stamps of ROS end in 2038; '
             'correct its times'
         )
     order = np.arange(len(trajectory))

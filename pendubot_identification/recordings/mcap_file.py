@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads one .mcap file; of an unclosed or damaged file, everything that is intact.
+"""Reads one .mcap file, and the intact parts of an unclosed or damaged one.
 
 The mcap library parses single records (https://mcap.dev/spec); numpy reads the messages of many records at once. A
-closed file ends with an index of its chunks. For any other file, the index is made by reading the whole file.
+closed file ends with an index of its chunks. For any other file, a scan of the complete file makes the index.
 """
 
 from __future__ import annotations
@@ -38,26 +38,26 @@ from pendubot_identification.errors import BagError
 MAGIC = b'\x89MCAP0\r\n'
 #: Opcode and length of a record.
 HEAD = struct.Struct('<BQ')
-#: A message's record up to its data; its length counts the last four of these fields and the data.
+#: A message's record up to its data; ``length`` is the size of the last four fields and the data.
 MESSAGE = np.dtype('u1, <u8, <u2, <u4, <i8, <i8')
 MESSAGE.names = ('opcode', 'length', 'channel', 'sequence', 'logged', 'published')
 FIELDS = MESSAGE.itemsize - HEAD.size
-#: The record before the last magic.
+#: Size of the footer record before the last magic [bytes].
 FOOTER_SIZE = HEAD.size + 20
 #: Start of a chunk's index record: first and last log time, offset and length of the chunk's record.
 INDEX = struct.Struct('<qqqq')
-#: Records that a chunk may hold beside messages.
+#: Records of a chunk other than messages.
 DEFINITIONS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
-#: From this opcode on, records are private.
+#: First opcode of private records.
 PRIVATE = 128
-#: Start of a message that rosbag2 compressed by itself; no CDR starts like this.
+#: Start of a message in rosbag2's compression mode ``message``; no CDR starts with these bytes.
 ZSTD = b'\x28\xb5\x2f\xfd'
 FOREVER_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits on memory: no small file that claims gigabytes may fill it."""
+    """Memory limits: a small file that claims gigabytes must not fill the memory."""
 
     decompressed: int = 1 << 27  #: Largest size of a chunk or message after decompression [bytes].
     growth: int = 1000  #: Largest ratio of the sizes of an .mcap.zstd after and before decompression.
@@ -79,13 +79,13 @@ class Damage:
 class Messages:
     """Messages of one block of records."""
 
-    data: bytes  #: their records, perhaps with others in between.
-    starts: Indices  #: offset of each record, shape (N,).
-    heads: NDArray[np.void]  #: the records up to the data, each a :data:`MESSAGE`, shape (N,).
+    data: bytes  #: the records of the messages, perhaps with others in between.
+    starts: Indices  #: offset of each record [bytes], shape (N,).
+    heads: NDArray[np.void]  #: the records up to the data, dtype :data:`MESSAGE`, shape (N,).
 
     @classmethod
     def of(cls, contents: Sequence[bytes], heads: NDArray[np.void] | None = None) -> Messages:
-        """Return messages with these data; their channels and times are those of ``heads``."""
+        """Return messages with these data and the channels and times of ``heads``."""
         heads = np.zeros(len(contents), MESSAGE) if heads is None else heads.copy()
         sizes = np.array([len(content) for content in contents], np.int64)
         heads['length'] = FIELDS + sizes
@@ -102,18 +102,18 @@ class Messages:
             data = self.data[start + MESSAGE.itemsize : start + HEAD.size + length]
             yield Message(channel, logged, data, published, sequence)
 
-    def part(self, which: NDArray[Any] | slice) -> Messages:
-        """Return some of them."""
-        return Messages(self.data, self.starts[which], self.heads[which])
+    def part(self, selected: NDArray[Any] | slice) -> Messages:
+        """Return the selected messages."""
+        return Messages(self.data, self.starts[selected], self.heads[selected])
 
     def followed_by(self, others: Messages) -> Messages:
-        """Return these messages and then the others."""
-        own = Messages.of([message.data for message in self], self.heads)
-        starts = np.concatenate([own.starts, len(own.data) + others.starts])
-        return Messages(own.data + others.data, starts, np.concatenate([own.heads, others.heads]))
+        """Return these messages, followed by the others."""
+        first = Messages.of([message.data for message in self], self.heads)
+        starts = np.concatenate([first.starts, len(first.data) + others.starts])
+        return Messages(first.data + others.data, starts, np.concatenate([first.heads, others.heads]))
 
     def contents(self, kind: DTypeLike) -> NDArray[Any]:
-        """Return the start of each message's data as one type, shape (N,)."""
+        """Return the start of each message's data as one dtype, shape (N,)."""
         return _gathered(self.data, self.starts + MESSAGE.itemsize, np.dtype(kind))
 
 
@@ -130,15 +130,15 @@ class Part(NamedTuple):
 
 
 class McapFile:
-    """One .mcap file, closed or not, or .mcap.zstd, as rosbag2 compresses it.
+    """Reads one .mcap file, closed or not, or .mcap.zstd, as rosbag2 compresses it.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         closed: whether its writer closed it.
-        channels, schemas: by their numbers.
-        topics: the schema's name and the number of messages of each topic.
-        first_ns, last_ns: earliest and latest log time [ns since the epoch]; None where there is no message.
-        damages: parts that cannot be read, if the file was scanned.
+        channels, schemas: channels and schemas by number.
+        topics: schema name and number of messages by topic.
+        first_ns, last_ns: earliest and latest log time [ns since the epoch]; None if there is no message.
+        damages: unreadable parts, if the file was scanned.
 
     Raises:
         BagError: the file is missing, empty or no MCAP file.
@@ -178,7 +178,7 @@ class McapFile:
 
     @property
     def note(self) -> str:
-        """A sentence about the intact messages of an unclosed or damaged file; else empty."""
+        """A sentence about the intact messages of an unclosed or damaged file, else empty."""
         if self.closed:
             return ''
         count = sum(count for _, count in self.topics.values())
@@ -190,9 +190,9 @@ class McapFile:
         )
 
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
-        """Yield the messages of some topics with START <= log time < END [ns] in the order of log time, many at once.
+        """Yield blocks of messages of some topics with START <= log time < END [ns], in the order of log time.
 
-        Only chunks with messages of these times are read. Intact messages before a damage come first.
+        Only chunks with messages of these times are read. Intact messages before a damaged part are still yielded.
 
         Raises:
             BagError: a part of a closed file is damaged, or the file changed after it was opened.
@@ -214,7 +214,7 @@ class McapFile:
                 yield found.part(slice(ready))
 
     def _read_parts(self, rows: Indices) -> Iterator[tuple[Messages, int]]:
-        """Yield the messages of parts of the index, sorted by first log time, and the first log time of the next part.
+        """Yield the messages of index rows, sorted by first log time, with the first log time of the next row.
 
         Several small parts are read together.
         """
@@ -240,7 +240,7 @@ class McapFile:
                 waiting, size = [], 0
 
     def _read_summary(self) -> Indices:
-        """Take counts and definitions from the end of the file; return its index of chunks, or raise anything."""
+        """Read counts and definitions from the end of the file; return its chunk index, or raise any exception."""
         at = self._size - len(MAGIC) - FOOTER_SIZE
         record = self._read(at, FOOTER_SIZE + len(MAGIC))
         footer = _parsed(Footer, record[HEAD.size : FOOTER_SIZE])
@@ -253,7 +253,7 @@ class McapFile:
             raise ValueError('the summary is damaged')
         numbers, statistics, content_end = array('q'), None, 0
         for opcode, begin, content_end in _records(summary):
-            # The library needs 0.15 s for the 30,000 of an hour, longer than all else that a short window takes.
+            # The library needs 0.15 s for the 30,000 of an hour, longer than all other steps for a short window.
             if opcode == Opcode.CHUNK_INDEX:
                 numbers.extend(INDEX.unpack_from(summary, begin))
             elif opcode == Opcode.STATISTICS:
@@ -269,12 +269,12 @@ class McapFile:
         return index[np.argsort(index[:, 2], kind='stable')]
 
     def scan(self) -> Iterator[Messages]:
-        """Yield the messages of all intact parts in the order of writing, without the index, and collect the damages.
+        """Yield the messages of all intact parts in the order of writing, without the index, and list damaged parts.
 
-        At the end, the intact parts are the index for :meth:`messages`, also of a closed file.
+        At the end, the intact parts become the index for :meth:`messages`, also of a closed file.
 
         Raises:
-            OSError: the system refuses to read.
+            OSError: reading fails.
         """
         tail = os.pread(self._descriptor, len(MAGIC), max(self._size - len(MAGIC), len(MAGIC)))
         end = self._size - len(MAGIC) * (tail == MAGIC)
@@ -284,17 +284,17 @@ class McapFile:
         while at < end:
             part = self._part(at, end)
             if part is None:
-                # A wrong length leads past intact chunks: search from the last intact part on.
+                # A wrong length may skip intact chunks: search from the last intact part on.
                 found = self._next_chunk(intact + 1, end)
                 at = intact if found < at else at
-                # The end of the file may cut the last chunk.
+                # The last chunk may be truncated.
                 part = self._part(at, end, cut=True) if found == end else None
             if part is None:
                 self.damages.append(Damage(at, found - at))
                 at = found
                 continue
-            for each in part.definitions:
-                self._define(each, part.is_chunk)
+            for definition in part.definitions:
+                self._define(definition, part.is_chunk)
             if part.messages:
                 heads = part.messages.heads
                 numbers.extend((int(heads['logged'].min()), int(heads['logged'].max()), at, part.size))
@@ -312,7 +312,7 @@ class McapFile:
     def _part(self, at: int, end: int, *, cut: bool = False) -> Part | None:
         """Return the chunk, the records outside of chunks, or the other record at an offset; None if it is damaged.
 
-        With ``cut``, the end may be missing of a chunk.
+        With ``cut``, the end of a chunk may be missing.
         """
         try:
             opcode, length = HEAD.unpack(self._read(at, HEAD.size))
@@ -330,11 +330,11 @@ class McapFile:
         except Exception:  # as above
             return None
         # A chunk with a damaged opcode looks like a message of an unknown channel.
-        known = {*self.channels, *(each.id for each in part.definitions if isinstance(each, Channel))}
+        known = {*self.channels, *(entry.id for entry in part.definitions if isinstance(entry, Channel))}
         return part if known.issuperset(part.messages.heads['channel'].tolist()) else None
 
     def _next_chunk(self, start: int, end: int) -> int:
-        """Return the offset of the next intact chunk; the end where there is none."""
+        """Return the offset of the next intact chunk, or ``end`` if there is none."""
         while start < end:
             block = self._read(start, min(LIMITS.block, end - start))
             for found in re.finditer(bytes([Opcode.CHUNK]), block):
@@ -343,10 +343,10 @@ class McapFile:
             start += len(block)
         return end
 
-    def _define(self, each: Schema | Channel, checked: bool = True) -> None:
-        known: dict[int, Any] = self.schemas if isinstance(each, Schema) else self.channels
-        if checked or each.id not in known:
-            known[each.id] = each
+    def _define(self, definition: Schema | Channel, checked: bool = True) -> None:
+        known: dict[int, Any] = self.schemas if isinstance(definition, Schema) else self.channels
+        if checked or definition.id not in known:
+            known[definition.id] = definition
 
     def _read(self, at: int, size: int) -> bytes:
         data = os.pread(self._descriptor, size, at) if 0 <= size <= self._size - at else b''
@@ -356,13 +356,13 @@ class McapFile:
 
 
 def parse_records(data: bytes, *, whole: bool = True) -> Part:
-    """Return the messages and definitions of records, or raise anything; without ``whole``, of the first of them."""
+    """Return the messages and definitions in records, or raise any exception; ``whole``: raise if bytes remain."""
     definitions: list[Schema | Channel] = []
     end, size = 0, HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
     heads = np.frombuffer(data, np.uint8, len(data) // size * size).reshape(-1, size)[:, : HEAD.size]
     equal = data.startswith(bytes([Opcode.MESSAGE])) and bool((heads == heads[:1]).all())
     if equal and not (whole and len(data) % size):
-        # Messages that are equally long are the usual case.
+        # Messages of equal length are the usual case.
         starts, end = np.arange(0, len(heads) * size, size), len(heads) * size
     else:
         places = array('q')
@@ -402,7 +402,7 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _parsed(kind: Any, content: bytes) -> Any:
-    """Return a record as the library parses it; ValueError if that leaves bytes over."""
+    """Return a record as the library parses it; raise ValueError if bytes remain."""
     stream = ReadDataStream(BytesIO(content))
     record = kind.read(stream)
     if stream.count != len(content):
@@ -411,13 +411,13 @@ def _parsed(kind: Any, content: bytes) -> Any:
 
 
 def _gathered(data: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return the values of one type at some offsets in bytes, shape (N,)."""
+    """Return the values of one dtype at the offsets ``places`` in bytes, shape (N,)."""
     everywhere = np.ndarray((max(len(data) - kind.itemsize + 1, 0), kind.itemsize), np.uint8, data, 0, (1, 1))
     return everywhere[places].view(kind)[:, 0]
 
 
 def _unpacked(record: bytes) -> bytes:
-    """Return the records in a chunk, decompressed and checked, or raise anything; other records as they are."""
+    """Return the records in a chunk, decompressed and checked, or raise any exception; other records unchanged."""
     if record[0] != Opcode.CHUNK:
         return record
     if len(record) < HEAD.size + int.from_bytes(record[1 : HEAD.size], 'little'):
@@ -430,7 +430,7 @@ def _unpacked(record: bytes) -> bytes:
 
 
 def _unpacked_cut(record: bytes) -> bytes:
-    """Return the complete records in a chunk whose end is missing, or raise anything. They have no checksum."""
+    """Return the complete records in a truncated chunk, without checksum, or raise any exception."""
     stream = ReadDataStream(BytesIO(record[HEAD.size + 16 :]))
     limit, _, compression, length = stream.read8(), stream.read4(), stream.read_prefixed_string(), stream.read8()
     data = record[HEAD.size + 16 + stream.count :]
@@ -455,7 +455,7 @@ def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
 
 
 def _opened(path: Path) -> IO[bytes]:
-    """Return an .mcap file open for reading; of an .mcap.zstd, a decompressed temporary copy."""
+    """Open an .mcap file for reading, or a decompressed temporary copy of an .mcap.zstd."""
     if path.suffix != '.zstd':
         return path.open('rb')
     plain = tempfile.TemporaryFile()  # noqa: SIM115

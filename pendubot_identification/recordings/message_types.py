@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Message types by name: their definition and hash for a bag's schema, and their bytes."""
+"""Message types by name: definition and hash for a bag's schema, and serialization."""
 
 import os
 import sys
@@ -17,7 +17,7 @@ from pendubot_identification.errors import BagError
 
 
 class MessageDefinition(NamedTuple):
-    """The ``.msg`` texts of a type and of every type it uses (``ros2msg``), and its hash, ``RIHS01_...``."""
+    """The ``.msg`` texts of a type and of every type it uses (``ros2msg``), and its hash ``RIHS01_...``."""
 
     text: str
     type_hash: str
@@ -25,7 +25,7 @@ class MessageDefinition(NamedTuple):
 
 @cache
 def typestore() -> Typestore:
-    """Return the message types known so far: those of ROS 2 Jazzy, and those that :func:`message_definition` found."""
+    """Return the known message types: ROS 2 Jazzy's, and further ones that :func:`message_definition` read."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -33,10 +33,10 @@ def typestore() -> Typestore:
 def message_definition(type_name: str) -> MessageDefinition:
     """Return the definition of a message type such as ``sensor_msgs/msg/JointState``.
 
-    A type that ROS 2 Jazzy itself does not have is read from ``share/<package>/msg`` of the sourced workspaces.
+    Types outside ROS 2 Jazzy are read from ``share/<package>/msg`` of the sourced workspaces.
 
     Raises:
-        BagError: no such type is installed, or its definition cannot be read.
+        BagError: the type is not installed, or its definition cannot be read.
     """
     store = typestore()
     try:
@@ -50,7 +50,7 @@ def message_definition(type_name: str) -> MessageDefinition:
 
 
 def _register(store: Typestore, type_name: str) -> None:
-    """Take a type and the types that it uses from the sourced workspaces into the store."""
+    """Add a type and the types that it uses from the sourced workspaces to the store."""
     if type_name in store.fielddefs:
         return
     package, _, name = type_name.partition('/msg/')

@@ -171,7 +171,7 @@ def test_what_fails_is_published_and_answered_and_nothing_is_written_over(bag, t
         ('/nowhere', {'output': str(output)}, f'{output} exists already and was left as it is; choose another name or'),
         ('/nowhere', {'output': str(beyond)}, f'{beyond} cannot be written (No such file or directory); choose a'),
         (swing, {'output': str(file), 'force': True}, f'{file} is read, so it cannot be written as well; give another'),
-        (day, {}, 'it lasts 602 s, and at most 600 s are taken at once; take windows of it, such as'),
+        (day, {}, 'it lasts 602 s, and at most 600 s are read at once; take windows of it, such as'),
     ):
         status, _, params = client.identified(named, **given)
         assert (status.level, params) == (ERROR, [])

@@ -113,9 +113,9 @@ def test_a_lost_part_of_a_split_bag_is_reported(tmp_path, capsys, left):
 @pytest.mark.parametrize(
     ('output', 'overwrite', 'left', 'sentence'),
     [
-        ('bag', True, None, 'is the bag itself, or in or around it'),
-        ('bag/inside', True, None, 'is the bag itself, or in or around it'),
-        ('.', True, None, 'is the bag itself, or in or around it'),
+        ('bag', True, None, 'is the bag itself, inside it or contains it'),
+        ('bag/inside', True, None, 'is the bag itself, inside it or contains it'),
+        ('.', True, None, 'is the bag itself, inside it or contains it'),
         ('taken', False, None, 'exists already'),
         ('copy', False, 40, 'no intact message'),
     ],

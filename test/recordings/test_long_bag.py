@@ -59,7 +59,7 @@ def soon(monkeypatch):
 
 
 def test_a_long_recording_is_refused_with_a_window_of_it(bag, motion, tmp_path):
-    sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as '
+    sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are read at once; take windows of it, such as '
     for read in (api.read, read_trajectory, lambda path: load_datasets([str(path)])):
         with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} names good ones$'):
             read(bag)
@@ -84,7 +84,7 @@ def test_identify_names_informative_windows_between_changes(bag, capsys):
     """The payload is put on at 40 s, then the rig rests until 50 s, and is pushed at 63 s."""
     assert main(['identify', str(bag)]) == 1
     sentence = ' '.join(capsys.readouterr().err.split())
-    assert 'it lasts 90 s, and at most 25 s are taken at once; take windows of it, such as' in sentence
+    assert 'it lasts 90 s, and at most 25 s are read at once; take windows of it, such as' in sentence
     named = sentence.partition('pendubot identify ')[2].split()
     assert main(['track', str(bag), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['tracked']['windows'] == named
