@@ -180,7 +180,7 @@ def test_remedies_are_applied_to_recordings_in_memory(found):
         identify(Trajectory(**arrays), apply_remedies=True, **FAST),
     ):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
-        assert any("applied, as the recordings need it: negate=['q2']" in warning for warning in again.warnings)
+        assert any("applied corrections of the recordings: negate=['q2']" in warning for warning in again.warnings)
 
 
 def test_a_result_of_arrays_is_reported_and_drawn_from_memory(tmp_path):

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The model in MATLAB, C, Python and JavaScript: parameters, and functions that need nothing else.
+"""The model as code in MATLAB, C, Python and JavaScript: parameters, and functions without dependencies.
 
-The equations of :mod:`..model.dynamics` stand here once; each language puts its own names in the place of theirs.
+The equations of :mod:`..model.dynamics` are written here once; each language substitutes its own names.
 """
 
 import re
@@ -15,7 +15,7 @@ from pendubot_identification.model.parameters import MODELS, NAMES
 
 
 class Entry(NamedTuple):
-    """A parameter, its standard error where it is known, and what it means."""
+    """A parameter, its standard error if known, and its meaning."""
 
     name: str
     value: float
@@ -24,9 +24,9 @@ class Entry(NamedTuple):
 
 
 def _equations(size: int, names: Mapping[str, str]) -> tuple[str, ...]:
-    """Return M11, M12, M22 of M(q), h1, h2 of V(q, v) v + G(q), and the friction f1, f2 of a model of that size.
+    """Return M11, M12, M22 of M(q), h1, h2 of V(q, v) v + G(q), and the friction f1, f2 of ``size`` parameters.
 
-    ``names``: those of a language for parameters, functions, angles q1, q2, velocities v1, v2 and torques tau1, tau2.
+    ``names``: a language's names of parameters, functions, angles q1, q2, velocities v1, v2 and torques tau1, tau2.
     """
     friction = 'b{0}*v{0}'
     if size >= MODELS['geared']:
@@ -43,7 +43,7 @@ def _equations(size: int, names: Mapping[str, str]) -> tuple[str, ...]:
         friction.format(1),
         friction.format(2),
     )
-    return tuple(re.sub(r'[A-Za-z]\w*', lambda word: names.get(word[0], word[0]), each) for each in equations)
+    return tuple(re.sub(r'[A-Za-z]\w*', lambda word: names.get(word[0], word[0]), text) for text in equations)
 
 
 def _indexed(pattern: str, first: int) -> dict[str, str]:
@@ -56,7 +56,7 @@ def _lines(pattern: str, items: Sequence[object]) -> str:
 
 
 def matlab(parameters: Sequence[Entry], comments: Sequence[str]) -> str:
-    """Return a script, for Octave too, that makes a struct ``pendubot``: parameters and, as handles, the model."""
+    """Return a script, also for Octave, that makes a struct ``pendubot``: parameters and function handles."""
     names = {e.name: f'pendubot.{e.name}' for e in parameters} | _indexed('{}({})', 1) | {'fabs': 'abs'}
     m11, m12, m22, h1, h2, f1, f2 = _equations(len(parameters), names)
     return f"""\
@@ -65,7 +65,7 @@ def matlab(parameters: Sequence[Entry], comments: Sequence[str]) -> str:
 pendubot.theta = [{' '.join(repr(e.value) for e in parameters)}];
 pendubot.std_error = [{' '.join('NaN' if e.error is None else repr(e.error) for e in parameters)}];
 pendubot.names = {{{', '.join(repr(e.name) for e in parameters)}}};
-% The model, with these values: q [rad], v [rad/s] and tau [N m] are of shoulder and elbow.
+% The model with these values; q [rad], v [rad/s] and tau [N m] contain shoulder and elbow.
 pendubot.mass_matrix = @(q) [{m11}, {m12}; {m12}, {m22}];
 pendubot.bias = @(q, v) [{h1}; {h2}];
 pendubot.friction = @(v, tau) [{f1}; {f2}];
@@ -94,7 +94,7 @@ def c(parameters: Sequence[Entry], comments: Sequence[str]) -> str:
 
 #include <math.h>
 
-/* The model: q [rad], v [rad/s], tau [N m] and what comes out are of shoulder and elbow. */
+/* The model; q [rad], v [rad/s], tau [N m] and the results contain shoulder and elbow. */
 
 static inline void pendubot_mass_matrix(const double q[2], double M[2][2])
 {{
@@ -134,7 +134,7 @@ static inline void pendubot_acceleration(const double q[2], const double v[2], c
 
 
 def python(parameters: Sequence[Entry], comments: Sequence[str]) -> str:
-    """Return a module that needs nothing but Python; with ``lib=numpy`` it takes arrays, with casadi expressions."""
+    """Return a module without dependencies; its functions take arrays with ``lib=numpy``, expressions with casadi."""
     names = {name: f'lib.{name}' for name in ('cos', 'sin', 'tanh', 'exp', 'fabs')}
     m11, m12, m22, h1, h2, f1, f2 = _equations(len(parameters), names)
     return f'''\
@@ -142,7 +142,7 @@ def python(parameters: Sequence[Entry], comments: Sequence[str]) -> str:
 
 """A pendubot: its parameters, and its model.
 
-q [rad], v [rad/s] and tau [N m] are pairs: shoulder, elbow. ``lib`` has cos, sin, tanh, exp and fabs: math
+q [rad], v [rad/s] and tau [N m] are pairs: shoulder, elbow. ``lib`` provides cos, sin, tanh, exp and fabs: math
 for numbers, numpy or jax.numpy for arrays, casadi for expressions.
 """
 
@@ -162,7 +162,7 @@ def mass_matrix(q, lib=math):
 
 
 def bias(q, v, lib=math):
-    """Return V(q, v) v + G(q) [N m]: what Coriolis forces and gravity ask for."""
+    """Return the torques V(q, v) v + G(q) of Coriolis forces and gravity [N m]."""
     q1, q2, v1, v2 = q[0], q[1], v[0], v[1]
     return (
         {h1},
@@ -171,7 +171,7 @@ def bias(q, v, lib=math):
 
 
 def friction(v, tau=(0.0, 0.0), lib=math):
-    """Return what brakes the joints [N m]."""
+    """Return the friction torques [N m]."""
     v1, v2, tau1, tau2 = v[0], v[1], tau[0], tau[1]
     return (
         {f1},
@@ -190,7 +190,7 @@ def acceleration(q, v, tau, lib=math):
 
 
 def javascript(size: int) -> str:
-    """Return a function that returns q1'', q2'' [rad/s^2] of p, as many parameters, a state and torques [SI units]."""
+    """Return a function from ``size`` parameters p, a state and torques [SI units] to q1'', q2'' [rad/s^2]."""
     names = {name: f'p[{k}]' for k, name in enumerate(NAMES[:size])} | {'fabs': 'Math.abs'}
     names |= {name: f'Math.{name}' for name in ('cos', 'sin', 'tanh', 'exp')}
     m11, m12, m22, h1, h2, f1, f2 = _equations(size, names)

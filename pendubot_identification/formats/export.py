@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A result in the format of who uses it: simulators, MATLAB, C, Python, ROS. Numbers keep every digit."""
+"""Exports a result for simulators, MATLAB, C, Python and ROS. Numbers keep every digit."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from .robots import limits, mjcf, urdf
 
 ROBOTS = ('mjcf', 'urdf')
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
-#: An input delay [s] of no importance, as an estimate from exact data leaves it.
+#: Smallest input delay that is reported [s]; estimates from exact data are smaller.
 NEGLIGIBLE = 1e-5
 FORMATS = (*ROBOTS, 'yaml', *LANGUAGES)
 SUFFIXES = {f'.{name}': name for name in FORMATS if name != 'mjcf'} | {'.xml': 'mjcf', '.yml': 'yaml'}
@@ -32,33 +32,33 @@ def export(
     *,
     revolute: bool = False,
 ) -> tuple[str, list[str]]:
-    """Return the text of a file, and in sentences what its user must know of it, which also stand in it.
+    """Return the text of a file, and sentences for its user, which the file contains as comments.
 
     ``format`` is one of :data:`FORMATS`. For simulators, ``link_length`` [m] is of link 1, see :func:`.masses.rig_of`,
-    and ``torque_limit`` [N m] of the motor; ``revolute`` is of :func:`.robots.urdf`.
+    and ``torque_limit`` [N m] of the motor; ``revolute`` is for :func:`.robots.urdf`.
 
     Raises:
         ParameterError: no real masses give these parameters, or the limit is no number above 0.
     """
     require_limit(torque_limit)
-    entries, said = _entries(result), _beside(result)
+    entries, remarks = _entries(result), _outside_model(result)
     if format in ROBOTS:
         rig = rig_of(result.theta, link_length)
-        said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *said]
-        comments = [*provenance(result), *(f'{e.name} = {e.value!r} {e.meaning}' for e in entries), *said]
+        remarks = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *remarks]
+        comments = [*provenance(result), *(f'{e.name} = {e.value!r} {e.meaning}' for e in entries), *remarks]
         if format == 'mjcf':
-            return mjcf(rig, comments, torque_limit), said
-        return urdf(rig, comments, torque_limit, revolute=revolute), said
+            return mjcf(rig, comments, torque_limit), remarks
+        return urdf(rig, comments, torque_limit, revolute=revolute), remarks
     if format == 'yaml':
         # For --params-file of any node.
         comments = [*provenance(result), *(f'{e.name}: {e.meaning}' for e in entries)]
         content = {'/**': {'ros__parameters': {e.name: e.value for e in entries}}}
         return ''.join(f'# {line}\n' for line in comments) + yaml.safe_dump(content, sort_keys=False), []
-    return LANGUAGES[format](entries, [*provenance(result), *said]), said
+    return LANGUAGES[format](entries, [*provenance(result), *remarks]), remarks
 
 
 def format_of(path: Path) -> str:
-    """Return the format that the suffix of a file names. Raises ParameterError: it names none."""
+    """Return the format of a file's suffix. Raises ParameterError: the suffix is unknown."""
     if path.suffix not in SUFFIXES:
         raise ParameterError(f'{path} has no suffix that names a format; {", ".join(SUFFIXES)} are expected')
     return SUFFIXES[path.suffix]
@@ -71,7 +71,7 @@ def require_limit(torque: float | None) -> None:
 
 
 def provenance(result: PartialResult) -> list[str]:
-    """Return, line by line, where the numbers come from and how far to trust them; never an empty list."""
+    """Return lines with the origin, level and warnings of a result; never an empty list."""
     criterion, model = result.criterion or 'not known', result.model or 'not known'
     lines = [
         'Parameters of a pendubot, SI units; q1 is measured from the horizontal, q2 relative to link 1',
@@ -84,20 +84,20 @@ def provenance(result: PartialResult) -> list[str]:
     return [' '.join(str(line).split()) for line in lines]
 
 
-def _beside(result: PartialResult) -> list[str]:
-    """Return what acts on the rig beside the model: a delay, and effects that were estimated together with it."""
+def _outside_model(result: PartialResult) -> list[str]:
+    """Return sentences on the input delay and the compensated effects, which the model does not contain."""
     delay = result.effort.delay
-    said = []
+    remarks = []
     if delay and abs(delay) >= NEGLIGIBLE:
-        said.append(f'torques act {delay:.4g} s later than they are stamped, which is not in this model')
+        remarks.append(f'this model does not contain the input delay of {delay:.4g} s')
     effects = [f'{e.name} ({e.where})' for e in result.effects if e.accepted]
     if effects:
-        said.append(f'estimated together with {", ".join(effects)}, not in this model; its friction holds beside that')
-    return said
+        remarks.append(f'this model does not contain {", ".join(effects)}; its friction was estimated beside these')
+    return remarks
 
 
 def _entries(result: PartialResult) -> list[Entry]:
-    """Return the parameters in the order of theta; 0 for those that a hand left out, as far as the model goes."""
+    """Return the parameters of the model in the order of theta; 0 if absent from the result."""
     last = max(NAMES.index(name) for name in result.parameters)
     size = min(size for size in MODELS.values() if size > last)
     entries = []

@@ -41,7 +41,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         advice=list(best.advice),
         criterion=best.criterion,
         model=best.model,
-        not_in_model=[f'{name}, for the effort of the {joints[name]} is zero throughout' for name in best.absent],
+        not_in_model=[f'{name}, because the effort of the {joints[name]} is always zero' for name in best.absent],
         smoothing=known(found.smoothing),
         prediction=predicted(best.prediction, found.validation),
         link_length=tree.LinkLength(value=length, std_error=length_error, expected=settings.link_length),
@@ -63,7 +63,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
 
 
 def _entry(kind: type[T], source: object, **others: Any) -> T:
-    """Return an entry of the result, with the attributes of the same names but for ``others``."""
+    """Return an entry of the result with the source's attributes of the same names; ``others`` take precedence."""
     names = {f.name for f in fields(kind)} - others.keys()  # type: ignore[arg-type]
     return kind(**{name: known(getattr(source, name)) for name in names}, **others)
 
@@ -81,7 +81,7 @@ def _uncorrected(found: Identification) -> tree.Uncorrected:
 
 
 def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
-    """Return the estimate of one criterion."""
+    """Return the entry of one criterion's estimate."""
     quadratic, effort = math.isfinite(e.J_exact), e.effort
     search = None
     if e.runs is not None:
@@ -115,7 +115,7 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
 
 
 def predicted(prediction: Prediction, method: str = '') -> tree.Predicted:
-    """Return the entry of a prediction; ``method`` says which data were predicted from which."""
+    """Return the entry of a prediction; ``method`` is the validation method."""
     fit = dict(zip(('q1', 'q2', 'dq1', 'dq2'), known(prediction.fit.T), strict=True))
     return _entry(tree.Predicted, prediction, horizons=list(HORIZONS), fit=fit, method=method)
 

@@ -21,12 +21,12 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Finding:
-    """What a check found."""
+    """The finding of a check."""
 
     check: str  #: ``reading``, ``stamps``, ``gaps``, ``limits``, ``conventions`` or ``excitation``.
-    level: Level  #: OK, or how severe the finding is.
-    sentence: str  #: for the user.
-    remedy: Mapping[str, str] = field(default_factory=dict)  #: options of reading that correct it, as texts by name.
+    level: Level  #: severity.
+    sentence: str  #: message to the user.
+    remedy: Mapping[str, str] = field(default_factory=dict)  #: conversion options that correct it, as texts by name.
 
     def plain(self) -> dict[str, object]:
         """Return the fields for JSON."""
@@ -34,13 +34,13 @@ class Finding:
 
 
 def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings) -> list[Finding]:
-    """Return at least one finding of each check, in the order in which they are made."""
+    """Return at least one finding of each check, in the order of the checks."""
     try:
         data = load(settings.reading)
     except PendubotError as error:
         return [Finding('reading', Level.ERROR, str(error), error.remedy)]
     training, validation = (sum(map(len, part)) for part in (data.training, data.validation))
-    validated = f'{validation} validate' if validation else 'each part is predicted from the others'
+    validated = f'{validation} samples validate' if validation else 'each part is predicted from the others'
     read = [Finding('reading', Level.WARN, note) for note in data.notes] or [
         Finding('reading', Level.OK, f'{training} samples estimate, {validated}')
     ]
@@ -48,32 +48,32 @@ def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings)
 
 
 def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
-    """Yield what stamps, gaps and limits of recordings are like."""
+    """Yield the findings on the stamps, gaps and limits of recordings."""
     measured = [regularity(np.rint(motion.t * 1e9).astype(np.int64)) for motion in motions]
     period, jitter = (max(each[name] or 0.0 for each in measured) for name in ('period', 'jitter'))
     gaps = sum(each['gaps'] for each in measured)
     longest = 1e3 * max(each['longest'] for each in measured)
-    some = f'{gaps} gaps, so short that the motion is known there' if gaps else 'none'
+    text = f'{gaps} gaps, short enough to interpolate the motion' if gaps else 'none'
     torque = max(np.abs(m.tau).max() for m in motions)
     speed = max(np.abs(np.diff(m.q, axis=0) / np.diff(m.t)[:, None]).max() for m in motions)
-    fine = {
-        'stamps': f'a sample every {1e3 * period:.4g} ms; 99 % of them within {max(1e3 * jitter, 1e-3):.3g} ms of that',
-        'gaps': f'{some}; the longest interval is {longest:.4g} ms',
-        'limits': f'torques up to {torque:.3g} N m and speeds up to {speed:.3g} rad/s, not cut off',
+    passed = {
+        'stamps': f'a sample every {1e3 * period:.4g} ms; jitter {max(1e3 * jitter, 1e-3):.3g} ms (99 % quantile)',
+        'gaps': f'{text}; the longest interval is {longest:.4g} ms',
+        'limits': f'torques up to {torque:.3g} N m and speeds up to {speed:.3g} rad/s, without clipping',
     }
     for name, checks in CHECKS.items():
-        said = [sentence for motion in motions for each in checks for sentence in each(motion)]
-        yield from (Finding(name, Level.WARN, sentence) for sentence in said)
-        if not said:
-            yield Finding(name, Level.OK, fine[name])
+        warnings = [sentence for motion in motions for each in checks for sentence in each(motion)]
+        yield from (Finding(name, Level.WARN, sentence) for sentence in warnings)
+        if not warnings:
+            yield Finding(name, Level.OK, passed[name])
 
 
 def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
-    """Yield whether conventions are right, and whether the motion determines the parameters."""
+    """Yield the findings on the conventions of the recordings and on their excitation."""
     try:
         faults = check(data.training, data.validation, settings)
     except PendubotError as error:
-        # Options correct speeds that are beyond all limits, but no gap.
+        # Options can correct speeds beyond all limits, but no gap.
         check_of = 'excitation' if isinstance(error, ExcitationError) else 'limits' if error.remedy else 'gaps'
         yield Finding(check_of, Level.ERROR, str(error), error.remedy)
         return

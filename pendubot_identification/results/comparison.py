@@ -19,7 +19,7 @@ from pendubot_identification.trajectories.signals import choose_smoothing, evenl
 
 from .result import Parameter, PartialResult, known
 
-#: A part of a bag: SHA-256, first and last sample [s].
+#: A part of a bag: SHA-256, times of the first and last sample [s].
 Part = tuple[str, float, float]
 
 
@@ -38,7 +38,7 @@ def compare(results: Mapping[str, PartialResult], recorded: RecordedTrajectory |
         return found
     notes += [recorded.note] if recorded.note else []
     notes += [
-        f'{name} was estimated from a part of {recorded.window}: its errors there are too small'
+        f'{name} was estimated from a part of {recorded.window}: its errors on that part are too small'
         for name, parts in used.items()
         if _overlap([(recorded.sha256, *span(recorded.trajectory))], parts)
     ]
@@ -46,9 +46,9 @@ def compare(results: Mapping[str, PartialResult], recorded: RecordedTrajectory |
 
 
 def _parameters(results: Sequence[PartialResult]) -> dict[str, Any]:
-    """Return of each parameter its unit and, an entry a result, value, standard error, and t and p against the first.
+    """Return the unit of each parameter and, for each result, value, standard error, and t-test against the first.
 
-    ``apart`` is t, ``p`` its two-sided probability; None if a result does not have or not estimate the parameter.
+    ``apart`` is t, ``p`` its two-sided probability; None if a result lacks the parameter or does not estimate it.
     """
     rows: dict[str, Any] = {}
     for name, unit in zip(NAMES, UNITS, strict=True):
@@ -67,13 +67,13 @@ def _parameters(results: Sequence[PartialResult]) -> dict[str, Any]:
 
 
 def _welch(a: Parameter | None, b: Parameter | None) -> tuple[float | None, float | None]:
-    """Return t and its two-sided probability (Welch, Biometrika 34, 1947)."""
+    """Return Welch's t and its two-sided probability (Biometrika 34, 1947)."""
     if a is None or b is None or a.on_bound or b.on_bound or not a.std_error or not b.std_error:
         return None, None
     parts = [(a.std_error**2, a.degrees_of_freedom), (b.std_error**2, b.degrees_of_freedom)]
     variance = sum(s for s, _ in parts)
     t = (b.value - a.value) / math.sqrt(variance)
-    inverse = sum(s**2 / n for s, n in parts if n) / variance**2  # of the degrees of freedom
+    inverse = sum(s**2 / n for s, n in parts if n) / variance**2  # inverse of the degrees of freedom
     return t, float(2 * (stdtr(1 / inverse, -abs(t)) if inverse else ndtr(-abs(t))))
 
 
@@ -88,9 +88,9 @@ def _overlap(parts: Sequence[Part], others: Sequence[Part]) -> bool:
 
 
 def _predictions(results: Mapping[str, PartialResult], recorded: RecordedTrajectory) -> dict[str, Any]:
-    """Return the prediction errors of each result by horizon, and those of persistence."""
+    """Return the prediction errors of each result and of persistence, by horizon."""
     motion = evenly_stamped(recorded.trajectory)
-    # All results are compared with the same states; the torque between samples is that of each result.
+    # All results are compared with the same states, but each with its own hold of the torque.
     smoothing = choose_smoothing([motion])
     predictions = []
     for result in results.values():

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Identifies recordings, on request corrected as they need it, also in a process that can be stopped at any moment.
+"""Identifies recordings, on request with corrections, also in a process that can be stopped at any time.
 
-A thread could not be stopped: some stages take seconds between two reports of progress.
+A thread cannot be stopped: some stages take seconds between two reports of progress.
 """
 
 import os
@@ -28,8 +28,8 @@ from pendubot_identification.trajectories.conversion import Conversion
 from .assemble import assemble_result
 from .result import Result
 
-#: Largest number of corrections, the number of options.
-TIMES = 8
+#: Largest number of corrections.
+CORRECTIONS = 8
 
 
 def identify_recordings(
@@ -42,13 +42,13 @@ def identify_recordings(
     """Identify recordings loaded with the settings' conversion; on request, correct it and identify again.
 
     Raises:
-        PendubotError: the recordings cannot be read or are too little informative, and no correction applies.
+        PendubotError: the recordings cannot be read or are not informative enough, and no correction applies.
     """
-    given = settings.reading.options()
-    remaining, uncorrected = TIMES if apply_remedies else 0, None
+    requested = settings.reading.options()
+    remaining, uncorrected = CORRECTIONS if apply_remedies else 0, None
     while True:
         applied = settings.applied
-        notes = [f'applied, as the recordings need it: {" ".join(applied)}'] if applied else []
+        notes = [f'applied corrections of the recordings: {" ".join(applied)}'] if applied else []
         try:
             data = load(settings.reading)
             found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
@@ -63,7 +63,8 @@ def identify_recordings(
             if corrected == settings.reading:
                 raise
         remaining -= 1
-        settings = replace(settings, reading=corrected, applied=tuple(o for o in corrected.options() if o not in given))
+        applied = tuple(option for option in corrected.options() if option not in requested)
+        settings = replace(settings, reading=corrected, applied=applied)
 
 
 class Computation:
@@ -78,7 +79,7 @@ class Computation:
         self.stopped = False
 
     def stop(self) -> None:
-        """Kill the process, or keep it from starting."""
+        """Kill the process, or prevent its start."""
         self.stopped = True
         if self._process is not None:
             self._process.kill()
@@ -94,10 +95,10 @@ class Computation:
     ) -> Result:
         """Identify bags, see :func:`load_datasets`. Raises PendubotError: the identification failed or was stopped."""
         request = partial(load_datasets, bags, validate), settings, apply_remedies
-        # The same modules as here, whatever the current folder holds.
+        # The modules of this process, not of the current folder.
         code = f'import sys; sys.path[:] = {sys.path!r}; from {__name__} import main; main()'
         command = [sys.executable, '-c', code, *(['--debug'] if '--debug' in sys.argv else [])]
-        # In a session of its own, so that a Ctrl-C in the terminal reaches the node alone.
+        # A separate session, so that a Ctrl-C in the terminal reaches the node alone.
         with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, start_new_session=True) as process:
             self._process = process
             assert process.stdin is not None
@@ -118,8 +119,8 @@ class Computation:
 
 
 def main() -> None:
-    """Read a request, and write progress as tuples, then the result, or the sentence of an error."""
-    # Whatever is printed must not come between the answers.
+    """Read a request; write progress as tuples, then the result or an error message."""
+    # Printed text must not mix with the answers.
     answers = os.fdopen(os.dup(1), 'wb')
     os.dup2(2, 1)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The settings of an identification from options by name, as the command line, Python and the node give them."""
+"""Makes the settings of an identification from options by name, from the command line, Python or the node."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -23,10 +23,10 @@ RENAMED = {'joints': 'joint_names', 'force': 'overwrite=True'}
 
 
 def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Settings:
-    """Return the settings of options of identification and conversion by name; None asks for the default.
+    """Return the settings for options of identification and conversion by name; None selects the default.
 
     Raises:
-        PendubotError: there is no such option, its value is invalid, or the file of start cannot be read.
+        PendubotError: an option is unknown, its value is invalid, or the start file cannot be read.
     """
     given = {name: value for name, value in options.items() if value is not None}
     known = {option.name: option for option in OPTIONS}
@@ -42,12 +42,12 @@ def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Set
 
 
 def bounds_of(given: Mapping[str, Any] | Sequence[str]) -> Bounds:
-    """Return the default search box with other intervals of some parameters, by name or as texts NAME=LOW:HIGH.
+    """Return the default search box with the given intervals, by parameter or as texts NAME=LOW:HIGH.
 
     A single number fixes a parameter.
 
     Raises:
-        ParameterError: there is no such parameter, or its interval is invalid.
+        ParameterError: a parameter is unknown, or its interval is invalid.
     """
     bounds = default_bounds()
     named = given if isinstance(given, Mapping) else dict(each.partition('=')[::2] for each in given)
@@ -57,15 +57,15 @@ def bounds_of(given: Mapping[str, Any] | Sequence[str]) -> Bounds:
 
 
 def as_arguments(text: str) -> str:
-    """Return a message with the options in it as arguments of Python: ``--zero hanging`` is ``zero='hanging'``.
+    """Return a message with its options as Python arguments: ``--zero hanging`` becomes ``zero='hanging'``.
 
-    Options that Python does not have, such as those of other subcommands, stay as they are.
+    Options without such an argument, for example of other subcommands, stay as they are.
     """
     return re.sub(r"--([a-z]+(?:-[a-z]+)*)([ =](?:'[^']*'|\S*[^\s.,;:?)\]]))?", _argument, text)
 
 
 def _argument(found: re.Match[str]) -> str:
-    """Return an option, and the word after it if that is its value, as an argument."""
+    """Return an option, and the next word if it is the option's value, as a Python argument."""
     name, after = found[1].replace('-', '_'), found[2] or ''
     option = next((option for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if option.name == name), None)
     name = RENAMED.get(name, name)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings, settings and estimates of a result, from its file."""
+"""Restores the recordings and settings of a result from its file."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,19 +18,19 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .result import Result
 
-#: The end of the name of a recording that is no file.
+#: Suffix of the name of a recording that is no file.
 IN_MEMORY = ' (from memory)'
 
 
 def recordings(result: Result, folder: Path | None = None) -> tuple[list[Trajectory], list[Trajectory]]:
-    """Read the bags of a result again, from their present ``folder`` or their former one.
+    """Read the bags of a result again, from ``folder`` or from their original one.
 
-    Returns motions for training and for validation, divided as they were.
+    Returns the motions for training and for validation, divided as in the identification.
 
     Raises:
         PendubotError: a bag is missing or has changed, or its samples cannot be used.
     """
-    found: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
+    motions: dict[str, list[Trajectory]] = {'training': [], 'validation': []}
     conversion = Conversion.of(result.reading)
     for source in result.bags:
         if source.bag.endswith(IN_MEMORY):
@@ -46,13 +46,13 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
         if recorded.sha256 != source.sha256:
             raise BagError(
                 f'{window.path} is not the bag from which this result was made: its SHA-256 begins with '
-                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; name the folder of that one: --bags FOLDER'
+                f'{recorded.sha256[:12]}, {source.sha256[:12]} is expected; name the original folder: --bags FOLDER'
             )
         motion = recorded.trajectory
         # A bag without a window was halved into training and validation.
         first = 0 if source.role == 'training' else len(motion) - source.samples
-        found[source.role].append(evenly_stamped(motion[first : first + source.samples]))
-    return found['training'], found['validation']
+        motions[source.role].append(evenly_stamped(motion[first : first + source.samples]))
+    return motions['training'], motions['validation']
 
 
 def settings(result: Result) -> Settings:
@@ -72,6 +72,6 @@ def settings(result: Result) -> Settings:
 
 def hold(result: Result) -> str:
     """Return the hold of the torque between samples; the criterion ``energy`` has none."""
-    asked = result.made_by.hold
-    found = [answer.effort.hold for name, answer in result.criteria.items() if name != 'energy']
-    return asked if asked != 'auto' else (found or ['zero'])[0]
+    requested = result.made_by.hold
+    holds = [answer.effort.hold for name, answer in result.criteria.items() if name != 'energy']
+    return requested if requested != 'auto' else (holds or ['zero'])[0]

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The result of an identification: one class for each part of a result file, with the names that the file has.
+"""The result of an identification: one class for each part of a result file, with the file's names.
 
-Everything in it is what YAML and JSON can hold, so that file, ``--json``, report, messages and Python share it.
+All values are plain YAML and JSON, so that file, ``--json``, report, messages and Python share them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SCHEMA = 1
 
 
 def _read_by(read: Callable[[Any], Any]) -> Any:
-    """Return the type of entries that a function reads; pydantic 1 (of Ubuntu 24.04) and 2 ask for it differently."""
+    """Return the type of entries that a function validates, for pydantic 1 (of Ubuntu 24.04) and 2."""
 
     class Entry:
         @classmethod
@@ -66,12 +66,12 @@ if TYPE_CHECKING:
     LevelByName = Level
 else:
     Finite = _read_by(_finite)
-    Number = _read_by(_number) | None  #: None where it is unknown.
+    Number = _read_by(_number) | None  #: None if unknown.
     LevelByName = _read_by(_level)
 
 
 def known(value: Any) -> Any:
-    """Return a value in Python's own numbers, lists and dictionaries, with None for numbers that are not finite."""
+    """Return a value as built-in numbers, lists and dictionaries, with None for numbers that are not finite."""
     if isinstance(value, (np.ndarray, np.generic)):
         return known(value.tolist())
     if isinstance(value, float):
@@ -97,10 +97,10 @@ class Parameter:
     value: Finite
     std_error: Number = None
     degrees_of_freedom: Number = None  #: of the standard error; None for a normal distribution.
-    interval: tuple[Number, Number] = (None, None)  #: of 95 %.
+    interval: tuple[Number, Number] = (None, None)  #: 95 % confidence interval.
     unit: str = ''
-    on_bound: bool | None = None  #: whether it lies on a bound of its search interval.
-    determined: bool | None = None  #: whether the motion determines it; None if it was fixed.
+    on_bound: bool | None = None  #: whether the value lies on a bound of its search interval.
+    determined: bool | None = None  #: whether the motion determines the parameter; None if it was fixed.
     fixed: bool = False
 
     @property
@@ -112,7 +112,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True)
 class DataFault:
-    """A convention that the recordings break, see :class:`.conventions.Fault`."""
+    """A convention that the recordings violate, see :class:`.conventions.Fault`."""
 
     name: str
     found: str
@@ -160,7 +160,7 @@ class ZeroError:
 
 @dataclass(frozen=True, kw_only=True)
 class CriterionValue:
-    """J of the estimate and of each run of MDE, and its exact minimum where that is known."""
+    """Value J of a criterion for the estimate and for each run of MDE, and its exact minimum if known."""
 
     unit: str
     training: Number
@@ -174,9 +174,9 @@ class CriterionValue:
 
 @dataclass(frozen=True, kw_only=True)
 class Predicted:
-    """By horizon [s]: simulation errors in standard deviations, and the fit of each state in per cent."""
+    """Simulation errors in standard deviations, and the fit of each state in per cent, by horizon [s]."""
 
-    method: str = ''  #: which data were predicted from which.
+    method: str = ''  #: validation method.
     horizons: list[Finite]
     error: list[Number]
     persistence: list[Number]
@@ -196,7 +196,7 @@ class Uncorrected:
 
 @dataclass(frozen=True, kw_only=True)
 class LinkLength:
-    """P3 / P5 by the elbow's equation of motion, and the measured length."""
+    """Length of link 1: P3 / P5 by the elbow's equation of motion, and the measured value."""
 
     value: Number
     std_error: Number
@@ -239,7 +239,7 @@ class CriterionAnswer:
 
 @dataclass(frozen=True, kw_only=True)
 class Software:
-    """The version that made a result."""
+    """The software version that made a result."""
 
     version: str = 'of an unknown version'
 
@@ -261,7 +261,7 @@ class Provenance(Software):
     seed: int
     lower_bounds: list[Finite]
     upper_bounds: list[Finite]
-    applied: list[str]  #: options for reading the recordings that the program chose itself.
+    applied: list[str]  #: conversion options that the program applied as corrections.
 
 
 def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:
@@ -271,11 +271,11 @@ def theta_of(parameters: Mapping[str, Parameter]) -> Parameters:
 
 @dataclass(frozen=True, kw_only=True)
 class PartialResult:
-    """Parameters, and the other entries that every program may rely on; a file written by hand has parameters alone."""
+    """Parameters, and further entries for other programs; a file written by hand has parameters alone."""
 
-    parameters: dict[str, Parameter]  #: in the order of theta; those that are 0 may be absent.
-    level: LevelByName | None = None  #: None where the parameters were not assessed.
-    not_covered: dict[str, str] = field(default_factory=dict)  #: parameters that the level does not cover, and why.
+    parameters: dict[str, Parameter]  #: in the order of theta; zero parameters may be absent.
+    level: LevelByName | None = None  #: None if the parameters were not assessed.
+    not_covered: dict[str, str] = field(default_factory=dict)  #: reason by parameter that the level does not cover.
     warnings: list[str] = field(default_factory=list)
     criterion: str | None = None
     model: str | None = None
@@ -290,7 +290,7 @@ class PartialResult:
         return theta_of(self.parameters)
 
     def unphysical(self) -> list[str]:
-        """Return why no rig can have these parameters, in the words of an identification's warnings."""
+        """Return warnings about physically impossible parameters, worded as in an identification."""
         return [f'not physical: {problem}' for problem in self.theta.unphysical()]
 
 
@@ -307,10 +307,10 @@ class Result(PartialResult):
     bags: list[Source] = field()
     consequences: list[str]  #: further findings that follow from a severe fault.
     faults: list[DataFault]
-    uncorrected: Uncorrected | None  #: the result before ``made_by.applied``; None where nothing was applied.
-    unmodelled: list[Number] | None  #: fraction of both joints' innovation variance that no known effect explains.
+    uncorrected: Uncorrected | None  #: the result before ``made_by.applied``; None if nothing was applied.
+    unmodelled: list[Number] | None  #: unexplained fraction of the innovation variance of shoulder and elbow.
     advice: list[str]
-    not_in_model: list[str]  #: the parameters that this rig cannot have, and why.
+    not_in_model: list[str]  #: parameters without influence on this rig, and the reason.
     zeros: list[ZeroError]
     smoothing: Finite
     J: CriterionValue
@@ -320,7 +320,7 @@ class Result(PartialResult):
     criteria: dict[str, CriterionAnswer]
     covariance: list[list[Number]]
     covariance_rank: int  #: below the number of parameters if it comes from few recordings.
-    reading: dict[str, str]  #: how the recordings were read, see :class:`.conversion.Conversion`.
+    reading: dict[str, str]  #: conversion options of the recordings, see :class:`.conversion.Conversion`.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,18 +329,18 @@ class Tracked:
 
     bags: list[str]
     until: Finite  #: the last time [s].
-    notes: dict[str, int]  #: remarks, and how often each was made.
+    notes: dict[str, int]  #: number of occurrences by remark.
     windows: list[str]  #: informative windows, BAG@START:END.
     events: list[dict[str, Any]]  #: changes, disturbances and losses, each with its kind, times [s] and text.
-    t: list[Finite]  #: times [s] of the following.
-    unexplained: list[Number]  #: torque [N m].
+    t: list[Finite]  #: times of the following histories [s].
+    unexplained: list[Number]  #: unexplained torque [N m].
     values: dict[str, list[Finite]]
     std_errors: dict[str, list[Number]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedResult(PartialResult):
-    """The newest parameters of a rig that was tracked, and their history."""
+    """The newest parameters of a tracked rig, and their history."""
 
     made_by: Software = field(default_factory=lambda: Software(version=__version__))
     tracked: Tracked

@@ -28,10 +28,10 @@ def result_text(result: PartialResult) -> str:
 
 
 def read_result(path: Path) -> PartialResult:
-    """Return the result of a file: a :class:`.Result` if the file is complete, else the entries that it has.
+    """Return the result of a file: a :class:`.Result` if the file is complete, else a :class:`.PartialResult`.
 
     Raises:
-        ResultError: there is no such file, it has another schema, or an entry is wrong.
+        ResultError: the file does not exist or has another schema, or an entry is invalid.
     """
     data = _read(path)
     with suppress(ResultError):
@@ -45,7 +45,7 @@ def read_complete_result(path: Path) -> Result:
 
 
 def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
-    """Return the parameters of a result file, 0 if absent, and their standard errors, shape (D,), if it has them all.
+    """Return the parameters of a result file, 0 if absent, and all standard errors, shape (D,); None if one is missing.
 
     Raises:
         ResultError: as :func:`read_result`.
@@ -67,9 +67,9 @@ def structured(kind: type[T], data: Any, file: object) -> T:
     except pydantic.ValidationError as error:
         problem: dict[str, Any] = dict(error.errors()[0])
     entry = '.'.join(str(key) for key in problem['loc'] if key != '__root__') or 'the result'
-    given = problem.get('input', {})  # pydantic 1 does not say
-    found = '' if isinstance(given, dict) else f' is {given!r}'
-    raise ResultError(f'{file}: {entry}{found}; {problem["msg"].removeprefix("Value error, ")}; {EXPECTED}, as it did')
+    value = problem.get('input', {})  # missing in pydantic 1
+    found = '' if isinstance(value, dict) else f' is {value!r}'
+    raise ResultError(f'{file}: {entry}{found}; {problem["msg"].removeprefix("Value error, ")}; {EXPECTED}, unchanged')
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tracks the parameters of a rig through recordings, from a result and to a result."""
+"""Tracks the parameters of a rig through recordings; starts from a result file and ends with a result."""
 
 import math
 from collections.abc import Sequence
@@ -28,19 +28,19 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .result import EffortTiming, Parameter, Tracked, TrackedResult, known
 from .result_file import read_result
 
-#: Largest number of states in a track; of more, every other one is dropped.
+#: Largest number of states in a track; above it, every second state is dropped.
 KEPT = 4000
-#: Time between two recordings of one stream [s].
+#: Time inserted between two recordings [s].
 BETWEEN = 10.0
 
 
 @dataclass
 class Track:
-    """The history of the parameters: states, thinned out as they become many, events, notes and windows."""
+    """The history of the parameters: states, thinned to at most :data:`KEPT`, events, notes and windows."""
 
     states: list[State] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)  #: on the recordings.
+    notes: list[str] = field(default_factory=list)  #: remarks on the recordings.
     windows: list[str] = field(default_factory=list)  #: informative windows, BAG@START:END.
     _every: int = 1
     _seen: int = 0
@@ -60,11 +60,11 @@ class Track:
 def start_of(path: Path | None, model: str | None = None) -> Start:
     """Return the start of tracking: a result file, or a model alone.
 
-    Without a file, the first motion is identified by the criterion weak, which gives the level.
+    Without a file, an identification of the first motion by the criterion weak gives the level.
 
     Raises:
-        ResultError: the file cannot be read, is of level ERROR, or another model is asked for than it has.
-        ParameterError: its parameters are not physical.
+        ResultError: the file cannot be read, is of level ERROR, or has another model than requested.
+        ParameterError: the file's parameters are not physical.
     """
     if path is None:
         chosen = model or 'coulomb'
@@ -77,16 +77,16 @@ def start_of(path: Path | None, model: str | None = None) -> Start:
     result = read_result(path)
     named = result.model if result.model in MODELS else result.theta.model
     if model not in (None, named):
-        raise ResultError(f'{path} has the model {named}, and {model} is asked for; leave one of the two out')
+        raise ResultError(f'{path} has the model {named}, but --model is {model}; leave one of the two out')
     if result.level is Level.ERROR:
         raise ResultError(f'{path} is of level ERROR: {"; ".join(result.warnings)}; begin with another result, or none')
     size = MODELS[named]
     # The filter's errors are normal, with the same 95 % interval.
     errors = {name: (e.std_error or 0.0) * e.quantile / NORMAL_95 for name, e in result.parameters.items()}
     level = Level.WARN if result.level is None else result.level
-    warnings = [f'of {path}, with which it began: {warning}' for warning in result.warnings]
+    warnings = [f'from the start {path}: {warning}' for warning in result.warnings]
     if result.level is None:
-        warnings.append(f'{path}, with which it began, was never assessed')
+        warnings.append(f'the start {path} was never assessed')
     return Start(
         model=named,
         theta=result.theta.vector(named)[:size],
@@ -114,7 +114,7 @@ def track_recordings(
             informative.add(samples)
             samples[:, 0] += base
             until = max(until, float(samples[-1, 0]))
-            progress(f'following {window}', round(until - base), 0, math.nan)
+            progress(f'tracking {window}', round(until - base), 0, math.nan)
             for event in tracker.feed(samples):
                 track.add(event)
                 if not isinstance(event, State):
@@ -159,7 +159,7 @@ def _event(event: Event) -> dict[str, Any]:
 
 
 def parameters(state: State) -> dict[str, Parameter]:
-    """Return a state's parameters as they stand in a result."""
+    """Return a state's parameters as entries of a result."""
     return {
         name: Parameter(
             value=float(value),

@@ -298,7 +298,7 @@ def test_messages_alone_lead_to_the_same_parameters(columns, identified, expecte
         np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
     assert sorted(found['made_by']['applied']) == sorted(named)
     assert len({*found['warnings']}) == len(found['warnings'])
-    assert any('applied, as the recordings need it' in said for said in found['warnings']) == bool(named)
+    assert any('applied corrections of the recordings' in said for said in found['warnings']) == bool(named)
 
 
 def test_a_fault_is_named_where_no_filter_follows_and_a_rest_by_its_time(run, tmp_path):

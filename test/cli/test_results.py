@@ -133,7 +133,7 @@ def test_parameters_that_no_rig_has_are_of_level_error(folder, run):
 @pytest.mark.parametrize(
     ('others', 'options', 'status', 'said'),
     [
-        ({'P3': 0.02}, 'urdf', 1, 'no rig moves like this: M(q) is not positive definite'),
+        ({'P3': 0.02}, 'urdf', 1, 'no rig has these parameters: M(q) is not positive definite'),
         ({'P5': -0.03}, 'urdf', 1, 'give link 1 no length P3 / P5 above 0; measure it and add --link-length'),
         ({'P5': 0.0}, 'mjcf', 1, 'measure it and add --link-length'),
         ({}, 'urdf --link-length 0.5', 1, 'a length above 0 and below sqrt(P1 P2) / |P5| = 0.2867 m is expected'),

@@ -99,7 +99,7 @@ def test_units_level_warnings_and_provenance_stand_in_it(result, name):
 @pytest.mark.parametrize(('delay', 'said'), [(3e-7, False), (0.003, True), (-0.003, True)])
 def test_a_delay_is_named_if_it_matters(result, delay, said):
     late = replace(result, effort=replace(result.effort, delay=delay))
-    assert (f'torques act {delay:g} s later than they are stamped' in written('mjcf', late)) == said
+    assert (f'the input delay of {delay:g} s' in written('mjcf', late)) == said
     assert ('later than' in written('mjcf', late)) == said
 
 

@@ -141,7 +141,7 @@ def test_identifies_again_with_the_parameters_of_the_moment_and_names_what_the_r
     assert params.layout.dim[0].label == ','.join(NAMES)
     assert len(params.data) == len(NAMES)
     assert params.data[NAMES.index('k2')] == 0
-    assert told['not_in_model.0'] == 'k2, for the effort of the elbow is zero throughout'
+    assert told['not_in_model.0'] == 'k2, because the effort of the elbow is always zero'
     assert not [key for key in told if key.startswith('k2')]
     status, told, (params,) = client.identified(f'{bag}@0:9', model='viscous', criterion='energy')
     assert len(params.data) == 7

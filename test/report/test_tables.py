@@ -63,7 +63,7 @@ def test_everything_fits_a_terminal_and_needs_the_plain_data_alone(arguments):
 
 def test_what_is_not_in_the_model_has_no_row_and_is_named():
     table = parameter_table(typed(plain(('weak',), 'geared')))
-    assert 'not in the model: k2, for the effort of the elbow is zero throughout' in table.text()
+    assert 'not in the model: k2, because the effort of the elbow is always zero' in table.text()
     assert [row[0].split()[0] for row in table.rows] == list(NAMES[:13])
 
 

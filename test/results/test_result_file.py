@@ -48,7 +48,7 @@ def test_the_selected_parameters_come_first(model):
 
 def test_parameters_without_an_elbow_motor_are_named(tmp_path):
     result = made(('weak',), 'geared')
-    assert result.not_in_model == ['k2, for the effort of the elbow is zero throughout']
+    assert result.not_in_model == ['k2, because the effort of the elbow is always zero']
     assert 'k2' not in result.not_covered
     assert np.shape(result.covariance) == np.shape(result.criteria['weak'].correlation) == (13, 13)
     (tmp_path / 'result.yaml').write_text(result_text(result))
@@ -153,7 +153,7 @@ def test_a_file_without_a_result_is_one_sentence(tmp_path, text):
     [
         (('parameters', 'P4', 'value'), 'r.yaml: parameters.P4.*value.*; name a file'),
         (('parameters', 'P4'), 'check P4; one number each'),
-        (('level',), 'r.yaml: .*level.*; name a file that pendubot identify wrote, as it did'),
+        (('level',), 'r.yaml: .*level.*; name a file that pendubot identify wrote, unchanged'),
         (('bags', 0, 'sha256'), 'r.yaml: bags.0.*sha256.*; name a file'),
     ],
 )
