@@ -1,4 +1,4 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A result in; page, figures and tables out. It decides nothing."""
+"""Renders results as pages, figures and tables; makes no decisions."""

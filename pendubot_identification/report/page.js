@@ -1,9 +1,9 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
 
-// Makes the plots over time of a report explorable, simulates the rig, and moves it. The JSON block "content" is of
-// page.py; "acceleration", the rig's equations of motion, by formats/code.py. All plots share one time axis: what one
-// shows, all others show, unless they have nothing there.
+// Makes the plots over time of a report interactive, simulates the rig, and moves it. page.py writes the JSON block
+// "content"; formats/code.py writes "acceleration", the equations of motion. All plots share one time axis: each shows
+// the same interval, unless it has no data there.
 'use strict';
 (() => {
   const { plots, rig } = JSON.parse(document.getElementById('content').textContent);
@@ -11,9 +11,9 @@
   const GUTTER = 62, INK = '#1a1a1a', PALE = '#dddddd', FONT = '11px system-ui, sans-serif';
   let animate = () => {};
   const element = (tag, parent, text = '', others = {}) => {
-    const made = Object.assign(document.createElement(tag), { textContent: text, ...others });
-    parent.append(made);
-    return made;
+    const child = Object.assign(document.createElement(tag), { textContent: text, ...others });
+    parent.append(child);
+    return child;
   };
   const button = (parent, text, title, act) =>
     element('button', parent, text, { type: 'button', title, ariaLabel: title, onclick: act });
@@ -26,10 +26,10 @@
       else if (low < last && high > first) chart.setScale('x', { min: low, max: high });
     }
   }
-  // Widens the shown time of a panel by a factor, and moves it by a part of itself.
+  // Widens the shown interval of a panel by a factor, and moves it by a fraction of its length.
   function move({ chart, extent: [first, last] }, factor, part) {
     const { min, max } = chart.scales.x, all = last - first;
-    const width = Math.min(Math.max((max - min) * factor, 1e-3 * all), all); // closer, the thinned data show nothing
+    const width = Math.min(Math.max((max - min) * factor, 1e-3 * all), all); // the thinned data have no finer detail
     const low = (min + max - width) / 2 + part * (max - min), begin = Math.min(Math.max(low, first), last - width);
     if (width < all) zoom(begin, begin + width); else zoom(null);
   }
@@ -44,10 +44,10 @@
   }
 
   function series(line) {
-    const own = { stroke: line.colour, width: line.style === 'band' ? 0 : line.width, points: { show: false } };
-    if (line.style === 'steps') own.paths = uPlot.paths.stepped({ align: 1 });
-    if (line.style === 'dots') Object.assign(own, { paths: () => null, points: { show: true, size: 5, fill: line.colour } });
-    return own;
+    const how = { stroke: line.colour, width: line.style === 'band' ? 0 : line.width, points: { show: false } };
+    if (line.style === 'steps') how.paths = uPlot.paths.stepped({ align: 1 });
+    if (line.style === 'dots') Object.assign(how, { paths: () => null, points: { show: true, size: 5, fill: line.colour } });
+    return how;
   }
 
   function legend(head, colour, label, name = 'swatch') {
@@ -57,7 +57,7 @@
     return item;
   }
 
-  // Shades spans below the lines; one without length is a line.
+  // Shades spans below the lines; a span of length 0 is a line.
   function shade({ ctx, bbox, scales, valToPos }, spans) {
     const place = (t) => valToPos(Math.min(Math.max(t, scales.x.min), scales.x.max), 'x', true);
     for (const [begin, end, colour] of spans) {
@@ -110,19 +110,19 @@
     const extent = [Math.min(...times), Math.max(...times)];
     const kinds = new Map(plot.spans.filter(([, , , label]) => label).map(([, , colour, label]) => [label, colour]));
     for (const [label, colour] of kinds) legend(tools, colour, label, 'swatch broad');
-    const own = plot.panels.map((data, k) => addPanel(box, plot, data, k === plot.panels.length - 1, extent));
+    const added = plot.panels.map((data, k) => addPanel(box, plot, data, k === plot.panels.length - 1, extent));
     const acts = [['−', 'zoom out', '-', 1.6, 0], ['+', 'zoom in', '+', 1 / 1.6, 0], ['‹', 'earlier', 'ArrowLeft', 1, -0.25],
       ['›', 'later', 'ArrowRight', 1, 0.25], ['all', 'show all', 'Home', Infinity, 0]];
-    for (const [sign, title, , ...how] of acts) button(tools, sign, title, () => move(own[0], ...how));
+    for (const [sign, title, , ...how] of acts) button(tools, sign, title, () => move(added[0], ...how));
     box.tabIndex = 0;
     box.addEventListener('keydown', (event) => {
-      const found = event.target === box && acts.find(([, , key]) => key === event.key);
-      if (!found) return;
+      const act = event.target === box && acts.find(([, , key]) => key === event.key);
+      if (!act) return;
       event.preventDefault();
-      move(own[0], ...found.slice(3));
+      move(added[0], ...act.slice(3));
     });
-    box.panels = own;
-    box.charts = own.map(({ chart }) => chart);
+    box.panels = added;
+    box.charts = added.map(({ chart }) => chart);
     const fit = () => box.charts.forEach((chart) => {
       const width = box.clientWidth;
       if (width && chart.width !== width) chart.setSize({ width, height: chart.height });
@@ -132,7 +132,7 @@
 
   const download = (name, href) => Object.assign(document.createElement('a'), { download: name, href }).click();
 
-  // Saves a figure, by the address of its SVG, as SVG or as PNG of twice its size.
+  // Saves a figure, given by the data URL of its SVG, as SVG or as PNG of twice its size.
   async function save(name, source, kind) {
     if (kind === 'SVG') { download(`${name}.svg`, source); return; }
     const image = Object.assign(new Image(), { src: source });
@@ -145,14 +145,14 @@
     download(`${name}.png`, canvas.toDataURL('image/png'));
   }
 
-  // The state one classic Runge-Kutta step of h [s] later, as in rollout.py.
+  // Returns the state after one classic Runge-Kutta step of h [s], as in rollout.py.
   function advance(p, x, t1, t2, h) {
-    const rate = (at) => [at[2], at[3], ...acceleration(p, ...at, t1, t2)];
+    const rate = (y) => [y[2], y[3], ...acceleration(p, ...y, t1, t2)];
     const after = (time, slope) => x.map((each, j) => each + time * slope[j]);
     const k1 = rate(x), k2 = rate(after(h / 2, k1)), k3 = rate(after(h / 2, k2)), k4 = rate(after(h, k3));
     return x.map((each, j) => each + h / 6 * (k1[j] + 2 * (k2[j] + k3[j]) + k4[j]));
   }
-  // The states of all steps from x on, each of which is divided where friction is stiff.
+  // Returns the states of all steps from x on; substeps resolve stiff friction.
   function simulate(p, x, [tau1, tau2], h, substeps = 1, first = 0, steps = tau1.length) {
     const states = [x];
     for (let k = first; k < first + steps; k += 1) {
@@ -162,7 +162,7 @@
     return states;
   }
 
-  // The measured motion of a plot, and its simulation from a chosen start, again and again every so many steps.
+  // Returns the measured motion of a plot, and its simulation from a chosen start, restarted after `every` steps.
   function addSimulation(plot) {
     const { first, step, substeps, states, tau, scale, every } = plot.live, last = states[0].length - 1;
     const t = states[0].map((_, k) => first + k * step);
@@ -188,12 +188,12 @@
         simulate(live.p, measured[begin], tau, step, substeps, begin, steps).forEach((x, k) => {
           if (x.every(Number.isFinite)) live.simulated[begin + k] = x;
           drawn.forEach(({ simulated, dots, error, far }, j) => {
-            const off = x[j] - states[j][begin + k];
+            const deviation = x[j] - states[j][begin + k], square = deviation * deviation;
             if (!k) dots.y[begin] = x[j];
-            else squares[j] += off * off < 1e6 ? off * off : 1e6;
-            if (k > shown || !(Math.abs(off) < far)) return;
+            else squares[j] += square < 1e6 ? square : 1e6;
+            if (k > shown || !(Math.abs(deviation) < far)) return;
             simulated.y[begin + k] = x[j];
-            error.y[begin + k] = off;
+            error.y[begin + k] = deviation;
           });
         });
       }
@@ -203,7 +203,7 @@
     return live;
   }
 
-  // Draws the rig at a time: both poses, the tips' way of the last half second, and the torque.
+  // Returns a function that draws the rig at a time: both poses, the tips' traces of the last half second, the torque.
   function poser(live) {
     const scene = document.getElementById('scene'), find = (name) => scene.querySelectorAll(name);
     const [l1, l2] = rig.lengths.map((length) => 100 * length / (rig.lengths[0] + rig.lengths[1]));
@@ -219,14 +219,14 @@
     };
     return (t) => {
       const poses = [['ghost', live.measured], ['simulated', live.simulated]].map(([name, states]) => {
-        const q = pose(states, t), [group] = find(`g.${name}`), [way] = find(`.trace.${name}`);
+        const q = pose(states, t), [group] = find(`g.${name}`), [trace] = find(`.trace.${name}`);
         group.style.display = q ? '' : 'none';
         const [x, y, ...tip] = joints(q ?? [0, 0]);
         group.firstElementChild.setAttribute('points', `0,0 ${x},${y} ${tip}`);
         group.lastElementChild.setAttribute('cx', x);
         group.lastElementChild.setAttribute('cy', y);
         const before = Array.from({ length: 26 }, (_, k) => pose(states, t - 0.02 * k)).filter(Boolean);
-        way.setAttribute('points', before.map((each) => joints(each).slice(2)).join(' '));
+        trace.setAttribute('points', before.map((each) => joints(each).slice(2)).join(' '));
         return q;
       });
       const tau = live.tau[0][Math.min(Math.floor((t - live.t[0]) / live.step + 1e-6), live.tau[0].length - 1)];
@@ -287,10 +287,10 @@
     return () => animate(now);
   }
 
-  // A slider for each parameter, within its interval or beyond; the motion is simulated again at once.
+  // Updates the slider of each parameter, within its interval or beyond, and simulates again after each change.
   function addSliders(box, live, refresh) {
-    const { names, vectors, intervals } = rig, find = (what) => box.querySelector(what), wide = find('[type=checkbox]');
-    const words = 'Each slider moves one parameter within its 95 % interval. Correlated parameters only fit together.';
+    const { names, vectors, intervals } = rig, find = (selector) => box.querySelector(selector), wide = find('[type=checkbox]');
+    const hint = 'Each slider moves one parameter within its 95 % interval. Correlated parameters only fit together.';
     const update = () => {
       for (const each of box.querySelectorAll('.slider')) {
         const k = names.indexOf(each.dataset.name), [low, high] = intervals[each.dataset.name];
@@ -301,7 +301,7 @@
         each.querySelector('output').textContent = signed(live.p[k].toPrecision(4));
       }
       const [P1, P2, P3] = live.p, physical = P1 > 0 && P2 > 0 && P1 * P2 > P3 * P3;
-      const text = physical ? words : 'No rig can have these parameters: M(q) is not positive definite.';
+      const text = physical ? hint : 'No rig can have these parameters: M(q) is not positive definite.';
       if (find('[role=status]').textContent !== text) find('[role=status]').textContent = text;
       refresh();
     };

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A result as one HTML page that needs nothing beside it: no network and no other file.
+"""Renders a result as one HTML page that needs no network and no other file.
 
-All figures are in the page. Those over time are there also as data, which ``page.js`` shows by uPlot (``uplot/``, MIT
-licence). The page itself is ``page.html.jinja``.
+The page contains all figures, and plots over time also as data, which ``page.js`` shows by uPlot (``uplot/``, MIT
+licence). Its template is ``page.html.jinja``.
 """
 
 import json
@@ -42,8 +42,8 @@ def result_page(
 ) -> str:
     """Return the page of a result with its pictures, and another result ``beside`` it.
 
-    ``notes`` say why a picture is missing; ``compared`` are the predictions of both results by name; ``text`` is that
-    of the result file, which the page offers for download.
+    ``notes`` are the reasons for missing pictures, ``compared`` the predictions of both results by name, ``text`` the
+    content of the result file for download.
     """
     if result.uncorrected:
         compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
@@ -69,7 +69,7 @@ def result_page(
 
 
 def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
-    """Return a page by its template, with pictures and whatever else the template shows."""
+    """Return the page of a template, with pictures and the template's other variables."""
     folder = Path(__file__).parent
     environment = Environment(
         loader=FileSystemLoader(folder),
@@ -81,11 +81,11 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
     environment.filters['typeset'] = typeset
     environment.globals['file'] = lambda name: Markup((folder / name).read_text(encoding='utf-8'))
     shown = {picture.name: picture for picture in pictures}
-    plots = {name: _plain(each.content) for name, each in shown.items() if isinstance(each.content, TimePlot)}
-    figures = {name: _address(each.files('svg')['svg'].decode()) for name, each in shown.items()}
+    plots = {name: _plain(p.content) for name, p in shown.items() if isinstance(p.content, TimePlot)}
+    figures = {name: _address(picture.files('svg')['svg'].decode()) for name, picture in shown.items()}
     data = {'plots': plots, 'rig': context.setdefault('rig', None)}
     context.setdefault('acceleration', 'null')
-    # Within a script element nothing is markup but what would end it.
+    # Within a script element only its end tag is markup.
     script = Markup(json.dumps(data, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
     return environment.get_template(template).render(
         context, pictures=shown, plots=plots, script=script, figures=figures
@@ -102,7 +102,7 @@ def _plain(plot: TimePlot) -> dict[str, Any]:
 
 
 def _address(svg: str) -> Markup:
-    """Return a figure as the address of an image, with hundredths of a point, a quarter shorter than by base64."""
+    """Return a figure as a data URL, rounded to hundredths of a point; base64 would be longer by a third."""
     rounded = re.sub(r'([ML] -?\d+\.\d\d)\d*( -?\d+\.\d\d)\d*', r'\1\2', svg)
     short = re.sub(r'\s+', ' ', rounded).replace('"', "'")
     return Markup('data:image/svg+xml,' + re.sub('[%#<>&]', lambda found: f'%{ord(found[0]):02X}', short))
@@ -120,21 +120,21 @@ def write_report(
     static: bool = False,
     paths: bool = False,
 ) -> Path:
-    """Draw all pictures of a result, write the report, all or nothing, and return where the page is.
+    """Draw all pictures of a result, write the report, all or nothing, and return the path of the page.
 
     Args:
-        folder: to be written to.
-        result: of an identification.
-        motions: the recordings; None where they cannot be read.
-        beside: another result to be shown beside it.
+        folder: output folder.
+        result: result of an identification.
+        motions: the recordings; None if they cannot be read.
+        beside: another result for comparison.
         notes: further remarks on the page.
-        progress: told the activity, how much of it is done, and of how much.
-        bags: the folder in which the bags lie now; None: where the result says.
+        progress: called with the activity, the numbers of done and of all pictures, and NaN.
+        bags: the present folder of the bags; None: as in the result.
         static: whether all pictures are written as SVG and PNG, too.
-        paths: whether the page names the absolute folders of the recordings.
+        paths: whether the page contains the absolute folders of the recordings.
 
     Raises:
-        ResultError: the system refuses to write.
+        ResultError: writing fails.
     """
     prepared = Prepared.of(result, *motions) if motions else None
     wanted = [*prepared.pictures()] if prepared else []
@@ -163,12 +163,12 @@ def write_track(
     *,
     static: bool = False,
 ) -> Path:
-    """Write the page of a rig that was tracked, the newest state last, and return where it is.
+    """Write the page of a tracked rig, the newest state last, and return its path.
 
-    ``result``: the text of the result file; empty where there is none at the end. ``static``: as above.
+    ``result``: content of the result file; empty if there is none. ``static``: as in :func:`write_report`.
 
     Raises:
-        ResultError: the system refuses to write.
+        ResultError: writing fails.
     """
     picture = plots.plot_track(*track)
     about = {'version': __version__, 'state': track[0][-1], 'table': table, 'happened': happened, 'bags': bags}
@@ -179,10 +179,10 @@ def write_track(
 def _write(
     folder: OutputFolder, files: Mapping[str, str], static: Sequence[Picture], page: str, named: Sequence[str]
 ) -> Path:
-    """Write the page last, without the absolute folders of these names: where it is, all of it is."""
+    """Write the report, its page last, without the absolute folders of the names; a page implies a complete report."""
     for part in rig.folders(*named):
-        for written in (part, str(escape(part)), quote(part)):
-            page = page.replace(written, '')
+        for spelling in (part, str(escape(part)), quote(part)):
+            page = page.replace(spelling, '')
     drawn = {f'{p.name}.{ending}': content for p in static for ending, content in p.files('svg', 'png').items()}
     folder.write({**files, **drawn, 'report.html': page})
     return (folder.path / 'report.html').absolute()

@@ -39,25 +39,25 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .style import GREY, SMALL, rendered, style
 from .time_plot import Line, Panel, Span, TimePlot, thinned
 
-#: The motions that estimate, and those that validate.
+#: The motions for training and for validation.
 Recordings = tuple[Sequence[Trajectory], Sequence[Trajectory]]
 MEASURED, SIMULATED = '#1a1a1a', '#d55e00'
-#: Of spans, and their opacity.
+#: Colours of spans, with their opacity.
 ESTIMATION, VALIDATION, CHANGE = '#56b4e92e', '#e69f002e', '#d55e002e'
-#: Colours that can be told apart by everyone (Okabe and Ito).
+#: Colours that are distinct for colour-blind readers, too (Okabe and Ito).
 COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7')
 STATES = (('q1', 'rad'), ('q2', 'rad'), ("q1'", 'rad/s'), ("q2'", 'rad/s'))
 #: Width of a static figure [inch]: a column on a screen, and legible on a telephone.
 COLUMN = 5.2
-#: Longest duration of a simulation, the longest horizon of the predictions, and of the part that is shown [s].
+#: Longest duration of a simulation, equal to the longest prediction horizon, and of the shown part [s].
 AHEAD, SHOWN = HORIZONS[-1], 10.0
-#: Number of bins for means of unexplained torque; torques above OUTLYING times their median are left out.
+#: Number of bins for means of unexplained torque; torques above OUTLYING times their median are omitted.
 BINS, OUTLYING = 24, 8.0
 drawn = style(SMALL)
 
 
 class Picture(NamedTuple):
-    """A plot over time or a static figure; ``about`` is what its caption in ``page.html.jinja`` depends on."""
+    """A plot over time or a static figure; ``about`` are the variables of its caption in ``page.html.jinja``."""
 
     name: str
     content: TimePlot | Figure
@@ -65,7 +65,7 @@ class Picture(NamedTuple):
 
     @style(SMALL)
     def files(self, *endings: str) -> dict[str, bytes]:
-        """Return it as a static figure, by the ending of the file's name."""
+        """Return the static figure by the ending of the file's name."""
         figure = self.content.figure() if isinstance(self.content, TimePlot) else self.content
         return rendered(figure, endings, bbox_inches='tight')
 
@@ -75,8 +75,8 @@ class Prepared:
     """A result and its recordings, with smoothed states and without the compensated effects.
 
     Attributes:
-        recorded: one recording after the other in time; parts of one keep their distance.
-        marks: where a recording begins behind another one.
+        recorded: recordings, moved to follow each other in time; parts of one keep their distance.
+        marks: lines at the start of each further recording.
         scale: standard deviations of the states, the unit of prediction errors, shape (4,).
     """
 
@@ -105,11 +105,11 @@ class Prepared:
 
     @property
     def theta(self) -> Array:
-        """The selected parameters, as many as the model has."""
+        """The selected parameters of the model, shape (D,)."""
         return self.result.theta.vector(self.result.model)
 
     def compared(self, beside: tuple[PartialResult, str]) -> dict[str, Predicted]:
-        """Return how well another result, and this one, predict the validation data or, without any, all data."""
+        """Return the predictions by another result and by this one, of the validation data or else of all data."""
         motions, delay = self.validating or self.estimating, self.result.effort.delay
         vectors = {beside[1]: beside[0].theta.vector(), 'identified': self.theta}
         return {title: predicted(predict(motions, theta, delay, self.scale)) for title, theta in vectors.items()}
@@ -122,7 +122,7 @@ class Prepared:
         yield from ((f'the residuals of {name}', partial(self.residuals, name)) for name in self.result.criteria)
 
     def data(self) -> list[Picture]:
-        """Plot the torques and both angles, and which part estimates and which validates."""
+        """Plot the torques and both angles, and shade training and validation data."""
         training, validation = self.recorded
         motions = [*training, *validation]
         times = [motion.t for motion in motions]
@@ -133,13 +133,13 @@ class Prepared:
         ]
         panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', times, torques)]
         panels += [Panel(f'q{k + 1}', 'rad', times, [Line('', [m.q[:, k] for m in motions], MEASURED)]) for k in (0, 1)]
-        kinds = [(ESTIMATION, 'estimates')] * len(training) + [(VALIDATION, 'validates')] * len(validation)
+        kinds = [(ESTIMATION, 'training')] * len(training) + [(VALIDATION, 'validation')] * len(validation)
         spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
         about = {'driven': driven, 'recordings': list(dict.fromkeys(_recording(motion) for motion in motions))}
         return [Picture('recordings', TimePlot(panels, [*spans, *self.marks]), about)]
 
     def simulation(self) -> list[Picture]:
-        """Plot the states of the worst predicted part, those simulated from measured ones on, and their difference.
+        """Plot measured and simulated states of the worst predicted part, and their difference.
 
         Raises:
             TrajectoryError: the recordings are too short to be simulated.
@@ -148,14 +148,14 @@ class Prepared:
         motion, t, pieces, substeps, complete = _worst_part(motions, self.theta, delay, self.scale)
         measured, steps = motion.states(t), len(pieces) - 1
         tau = motion.torques(t[:1] - delay, STEP, len(t) - 1)[:, :, 0]
-        # The states of each simulation but for its last one, which the start of the next replaces.
+        # The start of the next simulation replaces the last state of each.
         states = np.column_stack([np.moveaxis(pieces[:-1], 0, 2).reshape(4, -1), pieces[-1, :, -1]])
         starts = np.append(np.arange(len(t) - 1) % steps == 0, False)
         panels, errors = [], []
         for k, (name, unit) in enumerate(STATES):
             y = states[k]
             middle, reach = (measured[k].max() + measured[k].min()) / 2, 0.75 * np.ptp(measured[k]) + 1e-3
-            # Before each start there is a gap, and a state far outside the plot would only make its lines long.
+            # A gap precedes each start; states far outside the plot are omitted.
             y[(np.abs(y - middle) > 20 * reach) | np.append(starts[1:], False)] = np.nan
             lines = [
                 Line('measured', [measured[k]], MEASURED, 1.6),
@@ -186,9 +186,9 @@ class Prepared:
             TrajectoryError: a recording is shorter than a test function.
         """
         model, delay, motions = self.result.model, self.result.effort.delay, self.estimating
-        made = [weak_regression(m, model, delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
-        times = [r.t[::3] for r in made]
-        parts = [(r.y - r.phi @ self.theta).reshape(-1, 3)[:, :2] for r in made]
+        rows = [weak_regression(m, model, delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
+        times = [r.t[::3] for r in rows]
+        parts = [(r.y - r.phi @ self.theta).reshape(-1, 3)[:, :2] for r in rows]
         states = np.concatenate([m.states(t) for m, t in zip(motions, times, strict=True)], axis=1)
         tau = np.concatenate([m.impulse(t - delay, 1) for m, t in zip(motions, times, strict=True)])
         against = {'its angle [rad]': states[:2].T, 'its speed [rad/s]': states[2:].T, 'torque [N m]': tau[:, [0, 0]]}
@@ -222,7 +222,7 @@ class Prepared:
         everything = np.concatenate(parts)
         sizes, bins = np.sqrt((everything**2).mean(axis=0)), np.linspace(-4, 4, 41)
         lags, values = _autocorrelation(times, parts)
-        band = NORMAL_95 / math.sqrt(len(everything))  # of white residuals, 95 % lie within
+        band = NORMAL_95 / math.sqrt(len(everything))  # contains 95 % of white residuals
         figure, (correlation, histogram) = _panels(2.2, 1, 2)
         shown = 1 + thinned(values[1:])
         for k in range(len(names)):
@@ -238,11 +238,11 @@ class Prepared:
         return [Picture(f'residuals_{criterion}', plot, about), Picture(f'whiteness_{criterion}', figure, about)]
 
     def _residuals(self, criterion: str) -> tuple[Sequence[str], str, float, list[Array], list[Array]]:
-        """Return residuals by a criterion's estimate; those of ``likelihood`` are normalized innovations every 0.05 s.
+        """Return the residuals of a criterion's estimate; for ``likelihood``, normalized innovations every 0.05 s.
 
         Returns:
-            The names of C channels; their unit; the distance in time [s] below which residuals share data, so that any
-            model correlates them; the times of each recording, shape (N,); its residuals, shape (N, C).
+            The names of C channels; their unit; the lag [s] below which residuals share data, so that they are always
+            correlated; the times of each recording, shape (N,); its residuals, shape (N, C).
         """
         motions, asked, answer = self.estimating, settings(self.result), self.result.criteria[criterion]
         theta = theta_of(answer.parameters).vector(self.result.model)
@@ -255,9 +255,9 @@ class Prepared:
         unit, overlap = 'N m', WIDTH
         if criterion == 'energy':
             names, unit, overlap = ('energy',), 'J', asked.sliding or math.inf
-        made = linear(criterion, motions, self.result.model, asked).residuals
-        parts = [(r.y - r.phi @ theta).reshape(-1, len(names)) for r in made]
-        return names, unit, overlap, [r.t[:: len(names)] for r in made], parts
+        rows = linear(criterion, motions, self.result.model, asked).residuals
+        parts = [(r.y - r.phi @ theta).reshape(-1, len(names)) for r in rows]
+        return names, unit, overlap, [r.t[:: len(names)] for r in rows], parts
 
 
 def _recording(motion: Trajectory) -> str:
@@ -266,7 +266,7 @@ def _recording(motion: Trajectory) -> str:
 
 
 def _one_after_the_other(motions: Sequence[Trajectory]) -> tuple[list[Trajectory], list[Span]]:
-    """Return motions moved in time so that no two recordings overlap, and a mark where a further one begins."""
+    """Return motions, moved in time so that recordings follow each other, and a mark at each further start."""
     spans: dict[str, list[float]] = {}
     for motion in motions:
         spans.setdefault(_recording(motion), []).extend((float(motion.t[0]), float(motion.t[-1])))
@@ -282,12 +282,12 @@ def _one_after_the_other(motions: Sequence[Trajectory]) -> tuple[list[Trajectory
 def _worst_part(
     motions: Sequence[Motion], theta: Array, delay: float, scale: Array
 ) -> tuple[Motion, Array, Array, int, bool]:
-    """Simulate recordings from measured states on, and return the worst predicted part of one of them.
+    """Simulate recordings from measured states, and return the worst predicted part of one of them.
 
     Returns:
         The motion; the times of the part every :data:`STEP`, shape (N,); the states of K simulations of L steps, shape
-        (L + 1, 4, K), NaN after one diverges; into how many each step was divided; whether the part is everything that
-        there is.
+        (L + 1, 4, K), NaN after one diverges; the number of substeps of each step; whether the part contains all
+        data.
 
     Raises:
         TrajectoryError: the recordings are too short to be simulated.
@@ -295,18 +295,18 @@ def _worst_part(
     margin = max(abs(delay), 1e-9)
     longest = max(m.end - m.start - m.interval for m in motions) - 2 * margin
     ahead = STEP * int(min(AHEAD, longest) / STEP)
-    found = []
+    candidates = []
     for motion in (m for m in motions if m.end - m.start - 2 * margin >= ahead):
         simulations = Simulations.of([motion], theta, delay, np.zeros(2), (ahead,), ahead)
         with np.errstate(all='ignore'):
-            off, states = simulations.errors(theta)
-            off = np.nan_to_num(np.abs(off[0] / scale[:, None]), nan=LOST, posinf=LOST)
-        errors = (np.minimum(off, LOST) ** 2).mean(axis=0)
+            deviations, states = simulations.errors(theta)
+            scaled = np.nan_to_num(np.abs(deviations[0] / scale[:, None]), nan=LOST, posinf=LOST)
+        errors = (np.minimum(scaled, LOST) ** 2).mean(axis=0)
         count = min(len(errors), max(1, round(SHOWN / ahead)))
         sums = np.convolve(errors, np.ones(count), mode='valid') / count
         first = int(np.argmax(sums))
-        found.append((float(sums[first]), motion, simulations, states, slice(first, first + count)))
-    _, motion, simulations, states, shown = max(found, key=lambda each: each[0])
+        candidates.append((float(sums[first]), motion, simulations, states, slice(first, first + count)))
+    _, motion, simulations, states, shown = max(candidates, key=lambda candidate: candidate[0])
     states = np.where(np.isfinite(states), states, np.nan)[:: simulations.substeps, :, shown]
     starts = simulations.t
     t = starts[shown.start] + STEP * np.arange((len(states) - 1) * states.shape[2] + 1)
@@ -314,7 +314,7 @@ def _worst_part(
 
 
 def _autocorrelation(times: Sequence[Array], parts: Sequence[Array]) -> tuple[Array, Array]:
-    """Return lags [s], shape (M,), and the autocorrelation of even residuals of mean 0, (N, C), as shape (M, C)."""
+    """Return lags [s], shape (M,), and the autocorrelation, (M, C), of evenly spaced residuals of mean 0, (N, C)."""
     interval = float(np.median(np.concatenate([np.diff(t) for t in times])))
     lags = int(min(2 * AHEAD / interval, max(map(len, times)) // 2))
     sums = np.zeros((lags + 1, parts[0].shape[1]))

@@ -19,12 +19,12 @@ from pendubot_identification.trajectories.conversion import Conversion
 
 from .tables import Beside
 
-#: The longer link is at most this many times as long as the other one, so that both can be seen.
+#: Largest ratio of the drawn lengths of both links, so that both are visible.
 LONGEST = 10.0
 
 
 def proportions(result: Result) -> tuple[float, float, str]:
-    """Return the lengths with which both links are drawn, and a sentence that says where these come from."""
+    """Return the lengths with which both links are drawn, and a sentence on their origin."""
     p, measured = result.theta, result.link_length.expected
     l1, l2 = (measured or p.P3 / p.P5, 1.5 * p.P2 / p.P5) if p.P5 > 0 else (0.0, 0.0)
     if not (l1 > 0 and l2 > 0 and max(l1, l2) <= LONGEST * min(l1, l2)):
@@ -39,7 +39,7 @@ def proportions(result: Result) -> tuple[float, float, str]:
 
 
 def rig(result: Result, beside: Beside | None = None) -> dict[str, Any]:
-    """Return what ``page.js`` needs of a result: parameters, intervals, lengths, and another result beside it."""
+    """Return the data for ``page.js``: parameters, intervals and lengths, and the parameters of another result."""
     vectors = {'identified': result.theta, **({beside[1]: beside[0].theta} if beside else {})}
     size = max(len(p.vector(result.model)) for p in vectors.values())
     ends = {name: entry.interval for name, entry in result.parameters.items()}
@@ -54,7 +54,7 @@ def rig(result: Result, beside: Beside | None = None) -> dict[str, Any]:
 
 
 def command(result: Result) -> str:
-    """Return the command that makes this result again; empty where the recordings were in memory."""
+    """Return the command that reproduces this result; empty if the recordings were in memory."""
     if any(source.bag.endswith(IN_MEMORY) for source in result.bags):
         return ''
     made = result.made_by
@@ -62,10 +62,10 @@ def command(result: Result) -> str:
     validation = [each.bag for each in result.bags if each.bag not in training]
     words = ['pendubot identify', *map(shlex.quote, training)]
     words += ['--validate', *map(shlex.quote, validation)] if validation else []
-    usual, spreads = Settings(), [answer.mde.spread for answer in result.criteria.values() if answer.mde]
-    options = {name: (getattr(made, name), getattr(usual, name)) for name in ('model', 'optimizer', 'hold', 'seed')}
+    defaults, spreads = Settings(), [answer.mde.spread for answer in result.criteria.values() if answer.mde]
+    options = {name: (getattr(made, name), getattr(defaults, name)) for name in ('model', 'optimizer', 'hold', 'seed')}
     options |= {
-        'criterion': (','.join(made.criteria), ','.join(usual.criteria)),
+        'criterion': (','.join(made.criteria), ','.join(defaults.criteria)),
         'delay': ('{:g}:{:g}'.format(*made.delays), '{:g}:{:g}'.format(*DELAYS)),
         'sliding': (made.sliding_window, None),
         **{name: (getattr(made, name), None) for name in ('link_length', 'link_mass')},
@@ -76,7 +76,7 @@ def command(result: Result) -> str:
     words += [f'--bounds {bound}' for bound in _given_bounds(result)]
     words += Conversion.of(result.reading).options()
     expert = [] if made.smoothing is None else [f'smoothing: {made.smoothing}']
-    return ' '.join([*words, *(f' # with --settings, a file that says {each}' for each in expert)])
+    return ' '.join([*words, *(f' # with --settings, a file with {line}' for line in expert)])
 
 
 def _given_bounds(result: Result) -> list[str]:
@@ -91,6 +91,6 @@ def _given_bounds(result: Result) -> list[str]:
 
 
 def folders(*texts: str) -> list[str]:
-    """Return the absolute folders that are named in texts, each of which ends with the name of a recording."""
+    """Return the absolute folders in texts; each text ends with the name of a recording."""
     found = {folder for text in texts for folder in re.findall(r'(?:^|(?<=\s))/\S(?:.*/)?', text)}
     return sorted((folder for folder in found if folder.endswith('/')), key=len, reverse=True)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The style of all static figures, and files that are the same every time.
+"""The style of all static figures, and their reproducible files.
 
 matplotlib takes half a second to import: only modules that draw import this one.
 """
@@ -14,7 +14,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-#: Limits, targets and boundaries behind the curves.
+#: Colour of limits, targets and boundaries behind the curves.
 GREY = '#888888'
 #: Settings of the figures of a report, which are smaller than a page.
 SMALL = {'axes.titlesize': 9, 'legend.fontsize': 8, 'lines.linewidth': 1.0, 'figure.constrained_layout.w_pad': 0.09}
@@ -38,24 +38,24 @@ SETTINGS = {
 
 
 @contextmanager
-def style(own: Mapping[str, Any] | None = None) -> Iterator[None]:
-    """Draw with these settings, whatever the user's matplotlibrc says; ``own`` replaces some of them."""
+def style(changes: Mapping[str, Any] | None = None) -> Iterator[None]:
+    """Draw with these settings instead of the user's matplotlibrc; ``changes`` replace some of them."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update({**SETTINGS, **(own or {})})
+        matplotlib.rcParams.update({**SETTINGS, **(changes or {})})
         yield
 
 
-def rendered(figure: Figure, endings: tuple[str, ...] = ('png', 'svg'), **how: Any) -> dict[str, bytes]:
+def rendered(figure: Figure, endings: tuple[str, ...] = ('png', 'svg'), **options: Any) -> dict[str, bytes]:
     """Return the figure as PNG and as SVG, without date or version, by the ending of the file's name.
 
-    ``how``: other arguments of matplotlib's ``savefig``.
+    ``options``: other arguments of matplotlib's ``savefig``.
     """
     metadata: dict[str, dict[str, None]] = {'png': {'Software': None}, 'svg': {'Date': None, 'Creator': None}}
     files = {}
     for ending in endings:
         file = BytesIO()
-        figure.savefig(file, format=ending, metadata=metadata[ending], **how)
-        figure.set_layout_engine('none')  # the second one has the first one's layout, without computing it again
+        figure.savefig(file, format=ending, metadata=metadata[ending], **options)
+        figure.set_layout_engine('none')  # the next file reuses this layout
         files[ending] = file.getvalue()
     return files

@@ -11,21 +11,21 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-#: Columns of a terminal.
+#: Width of a terminal [characters].
 WIDTH = 120
 SUPERSCRIPTS = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A head above columns, rows whose first cells name them, and paragraphs below."""
+    """A table: a head above the columns, rows with their names in the first cells, and paragraphs below."""
 
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
     notes: Sequence[str] = ()
 
     def text(self) -> str:
-        """Return aligned columns, the first to the left and the others to the right, and the notes below them."""
+        """Return the first column left-aligned, the others right-aligned, and the notes below them."""
         lines = [self.head, *self.rows]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         aligned = (
@@ -45,7 +45,7 @@ class Table:
         return Markup(f'<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>{notes}')
 
     def latex(self) -> str:
-        """Return the table as a LaTeX tabular, its first column to the left, without the notes."""
+        """Return the table as a LaTeX tabular, its first column left-aligned, without the notes."""
         head, *rows = (' & '.join(map(_latex, line)) + r' \\' for line in [self.head, *self.rows])
         columns = 'l' + 'r' * (len(self.head) - 1)
         return '\n'.join([rf'\begin{{tabular}}{{{columns}}}', head, r'\hline', *rows, r'\end{tabular}', ''])
@@ -65,7 +65,7 @@ def _cell(text: str) -> Markup:
 
 
 def number(value: float | None, format: str = '') -> str:
-    """Return a number as its reader sees it; a dash where it is unknown."""
+    """Return a number as text, or a dash if it is unknown."""
     return f'{value:{format}}' if value is not None and math.isfinite(value) else '-'
 
 
@@ -75,5 +75,5 @@ def typeset(text: str) -> str:
 
 
 def wrapped(text: str) -> str:
-    """Return a paragraph in lines that a terminal need not break; names of files stay complete."""
+    """Return a paragraph wrapped to the width of a terminal; names of files stay complete."""
     return textwrap.fill(text, WIDTH, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The tables and sentences of a result, for terminal and page alike, and of a designed excitation."""
+"""The tables and sentences of a result and of a designed excitation, for terminal and page."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,11 +24,11 @@ VERDICTS = {
     Level.WARN: 'use these parameters with the reservations below',
     Level.ERROR: 'do not use these parameters in a controller',
 }
-HOLDS = {'zero': 'held from sample to sample', 'linear': 'changing linearly from sample to sample'}
+HOLDS = {'zero': 'constant between samples', 'linear': 'linear between samples'}
 MEANINGS = {each.name: each.meaning for each in SPECIFICATIONS}
 STATES = {'q1': 'angle of link 1', 'q2': 'angle of link 2', 'dq1': 'velocity of link 1', 'dq2': 'velocity of link 2'}
 
-#: Another result to be shown beside a result, and what to call it.
+#: Another result for comparison, and its name.
 Beside = tuple[PartialResult, str]
 
 
@@ -38,15 +38,15 @@ def estimate(entry: Parameter, format: str) -> str:
 
 
 def relative_half_width(entry: Parameter) -> float | None:
-    """Return the half-width of the 95 % interval over the value, at most 1; None where it is not known."""
+    """Return the half-width of the 95 % interval over the value, at most 1; None if unknown."""
     half_width = None if entry.std_error is None else entry.quantile * entry.std_error
     return None if half_width is None else min(half_width / abs(entry.value), 1.0) if entry.value else 1.0
 
 
 def parameter_table(result: Result, beside: Beside | None = None, *, complete: bool = False) -> Table:
-    """Return a row for each parameter: estimate, 95 % interval, the estimates of others, and reservations.
+    """Return a row for each parameter: estimate, 95 % interval, estimates for comparison, and reservations.
 
-    ``complete``: with its meaning, and with all reservations instead of one.
+    ``complete``: with the parameter's meaning, and with all reservations instead of one.
     """
     format, entries, head = rounding(result.parameters.values()), result.parameters, papers_head(result)
     others = {head: result.criteria['energy'].parameters} if head else {}
@@ -64,31 +64,31 @@ def parameter_table(result: Result, beside: Beside | None = None, *, complete: b
         ['', *reservations] if any(reservations) else [],
     ]
     titles, *lines = zip(*filter(None, columns), strict=True)
-    missing = (f'not in the model: {which}' for which in result.not_in_model)
+    missing = (f'not in the model: {entry}' for entry in result.not_in_model)
     return Table(titles, lines, [f'95 % intervals: {result.criteria[result.criterion].uncertainty}', *missing])
 
 
 def _reservations(result: Result, name: str) -> str:
-    """Return why an estimate is not reliable, and with which others it is correlated."""
+    """Return the reasons against relying on an estimate, and its large correlations."""
     answer = result.criteria[result.criterion]
-    together = [
+    correlated = [
         f'with {other}: {value:.2f}'
         for other, value in zip(
             answer.parameters, answer.correlation[list(answer.parameters).index(name)], strict=False
         )
         if other != name and value is not None and abs(value) > ASSESSMENT.correlated
     ]
-    reasons = [_reservation(result.parameters[name]), result.not_covered.get(name, ''), *together]
+    reasons = [_reservation(result.parameters[name]), result.not_covered.get(name, ''), *correlated]
     return '; '.join(filter(None, dict.fromkeys(reasons)))
 
 
 def _with_error(value: float | None, error: float | None, format: str, quantile: float = NORMAL_95) -> str:
-    """Return a number and, where its standard error is known, the half-width of its 95 % interval."""
+    """Return a number and, if its standard error is known, the half-width of its 95 % interval."""
     return number(value, format) + ('' if value is None or error is None else f' ± {quantile * error:{format}}')
 
 
 def papers_head(result: Result) -> str:
-    """Return what to call the paper's estimate beside the selected one; empty where it is that one or absent."""
+    """Return the heading of the paper's estimate; empty if it is absent or the selected estimate."""
     energy = result.criteria.get('energy')
     if energy is None or result.criterion == 'energy':
         return ''
@@ -96,7 +96,7 @@ def papers_head(result: Result) -> str:
 
 
 def rounding(entries: Iterable[Parameter]) -> str:
-    """Return the format that shows three digits of the smallest estimate, or of its standard error if that is more."""
+    """Return the format with three digits of the smallest estimate, or of its standard error if it is larger."""
     sizes = [max(abs(e.value), e.std_error or 0.0) for e in entries if e.value and not e.on_bound]
     return f'.{min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)}f'
 
@@ -110,8 +110,8 @@ def _reservation(entry: Parameter) -> str:
 
 
 def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> Table:
-    """Return a column a criterion: its parameters with their 95 % half-widths or, where known, their true errors."""
-    format = rounding(found for answer in result.criteria.values() for found in answer.parameters.values())
+    """Return a column for each criterion: parameters with their 95 % half-widths or, if known, their true errors."""
+    format = rounding(entry for answer in result.criteria.values() for entry in answer.parameters.values())
 
     def cell(answer: CriterionAnswer, name: str) -> str:
         entry = answer.parameters.get(name)
@@ -135,7 +135,7 @@ def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -
 
 
 def prediction_table(result: Result) -> Table:
-    """Return a row a horizon and a column a criterion: the error at the end of a simulation."""
+    """Return the errors at the end of simulations, by horizon and criterion."""
     errors = (answer.prediction.error for answer in result.criteria.values())
     rows = _error_rows(result.prediction.horizons, *errors, result.prediction.persistence)
     note = f'errors of simulated states in their standard deviations, {result.prediction.method}'
@@ -144,11 +144,11 @@ def prediction_table(result: Result) -> Table:
 
 def _error_rows(horizons: Sequence[float], *errors: Sequence[float | None]) -> list[list[str]]:
     columns = zip(horizons, *errors, strict=True)
-    return [[f'error after {horizon:g} s', *(number(e, '.3f') for e in each)] for horizon, *each in columns]
+    return [[f'error after {horizon:g} s', *(number(e, '.3f') for e in row)] for horizon, *row in columns]
 
 
 def fit_table(result: Result) -> Table:
-    """Return a row a horizon and a column a state: the fit in per cent by the selected parameters."""
+    """Return the fit in per cent by the selected parameters, by horizon and state."""
     columns = zip(result.prediction.horizons, *(result.prediction.fit[state] for state in STATES), strict=True)
     return Table(
         ['', *STATES.values()],
@@ -157,14 +157,14 @@ def fit_table(result: Result) -> Table:
 
 
 def fits(predicted: Predicted, at: float = 0.5) -> tuple[float, dict[str, float | None]]:
-    """Return the longest horizon up to ``at`` [s] that was predicted, and the fit of each state there in per cent."""
+    """Return the longest predicted horizon up to ``at`` [s], and the fit of each state there in per cent."""
     known = [k for k, h in enumerate(predicted.horizons) if h <= at and predicted.error[k] is not None]
     k = known[-1] if known else 0
     return predicted.horizons[k], {words: predicted.fit[state][k] for state, words in STATES.items()}
 
 
 def before_table(compared: Mapping[str, Predicted]) -> Table:
-    """Return a column for each of several predictions: fits, and errors of all states together."""
+    """Return a column for each of several predictions: fits, and errors over all states."""
     horizon = fits(next(iter(compared.values())))[0]
     found = [fits(predicted, horizon)[1] for predicted in compared.values()]
     rows = [[f'{words}, fit in %', *(number(each[words], '.1f') for each in found)] for words in STATES.values()]
@@ -182,7 +182,7 @@ def numbers(result: Result) -> str:
 
 
 def criterion_table(result: Result) -> Table:
-    """Return a column a criterion: its J, the effort's delay, its condition number and its level."""
+    """Return a column for each criterion: J, input delay, condition number and level."""
     answers = result.criteria.values()
     rows = [
         ['J training', *(number(a.J.training, '.4g') for a in answers)],
@@ -200,7 +200,7 @@ def _heads(result: Result) -> list[str]:
 
 
 def effects_table(result: Result) -> Table | None:
-    """Return the unmodelled effects, and the unexplained variance; None where there is neither."""
+    """Return the unmodelled effects and the unexplained variance; None if there is neither."""
     if result.unmodelled is None and not result.effects:
         return None
     rows = [
@@ -219,20 +219,20 @@ def effects_table(result: Result) -> Table | None:
 
 
 def zero_table(result: Result) -> Table | None:
-    """Return the errors of the zeros of each recording by the selected criterion; None where it estimates none."""
+    """Return the errors of the zeros of each recording by the selected criterion; None if it estimates none."""
     rows = [
         [zero.recording, _with_error(zero.q1, zero.q1_std_error, '.1f'), _with_error(zero.q2, zero.q2_std_error, '.1f')]
         for zero in result.zeros
     ]
-    return Table(['zeros are off by [degrees]', 'q1', 'q2'], rows) if rows else None
+    return Table(['errors of the zeros [degrees]', 'q1', 'q2'], rows) if rows else None
 
 
 def data_sentences(result: Result) -> list[str]:
-    """Return how the torque and the states were taken, and the length of link 1 by the elbow's own equation."""
+    """Return sentences on the torque, the smoothing of states, and the length of link 1 by the elbow's equation."""
     effort, length = result.effort, result.link_length
     delay = _with_error(effort.delay, effort.delay_std_error, '.3g')
     sentences = [
-        f'The torque was taken as {HOLDS[effort.hold]}, with an input delay of {delay} s; states were '
+        f'The torque is assumed {HOLDS[effort.hold]}, with an input delay of {delay} s; states are '
         f'smoothed over {result.smoothing} s.'
     ]
     if length.value is not None:
@@ -263,7 +263,7 @@ def remarks(result: Result) -> list[str]:
 
 
 def own_warnings(result: Result) -> list[str]:
-    """Return the warnings of each criterion that the result does not have."""
+    """Return the warnings of each criterion that are not warnings of the result."""
     return [
         f'{name} alone, {answer.level.name}: {warning}'
         for name, answer in result.criteria.items()
@@ -273,26 +273,26 @@ def own_warnings(result: Result) -> list[str]:
 
 
 def headline(result: Result) -> str:
-    """Return in one line the verdict, or all warnings, and the number of consequences of a fault."""
+    """Return one line with the verdict or all warnings, and the number of consequences of a fault."""
     followed = len(consequences(result))
     more = [f'{followed} more follow from that'] if followed else []
     return '; '.join([*result.warnings, *more]) or f'identified: {verdict(result)}'
 
 
 def consequences(result: Result) -> list[str]:
-    """Return the consequences of a severe fault of the recordings, by criterion; empty where there is none."""
+    """Return the consequences of a severe fault of the recordings, by criterion; empty if there is none."""
     return [f'{name}: {sentence}' for name, answer in result.criteria.items() for sentence in answer.consequences]
 
 
 def summary(result: Result) -> str:
-    """Return all that a terminal shows of a result."""
+    """Return the text of a result for a terminal."""
     sources = [f'{b.role}: {b.bag}, {b.samples} samples, {b.duration:.2f} s' for b in result.bags]
     sources += dict.fromkeys(f'taken as: {b.taken_as}' for b in result.bags if b.taken_as)
     selected = f'selected: the criterion {result.criterion}, {result.model} model'
     shown: list[str | Table | None] = ['\n'.join(sources), f'{selected}\n{parameter_table(result).text()}']
-    # Where a fault of the recordings explains all that is odd, the rest would only hide it.
+    # If a fault of the recordings explains the warnings, further tables would only hide it.
     if not result.consequences:
-        design = 'pendubot excite --design proposes an excitation that identifies all parameters as well as can be'
+        design = 'pendubot excite --design proposes an optimal excitation for all parameters'
         shown += [
             comparison_table(result) if len(result.criteria) > 1 else None,
             prediction_table(result),
@@ -311,8 +311,8 @@ def comparison(compared: Mapping[str, Any]) -> str:
     """Return results beside each other, as ``pendubot compare --json`` prints them."""
     letters = [chr(ord('A') + k) if k < 26 else f'A{k}' for k in range(len(compared['results']))]
     legend = [f'{letter}  {name}' for letter, name in zip(letters, compared['results'], strict=True)]
-    found = compared['parameters']
-    pairs = {name: list(zip(row['value'], row['std_error'], strict=True)) for name, row in found.items()}
+    parameters = compared['parameters']
+    pairs = {name: list(zip(row['value'], row['std_error'], strict=True)) for name, row in parameters.items()}
     entries = [Parameter(value=value or 0.0, std_error=error) for pair in pairs.values() for value, error in pair]
     format = rounding(entries)
     rows = [
@@ -321,9 +321,9 @@ def comparison(compared: Mapping[str, Any]) -> str:
             *(_with_error(value, error, format, 1.0) for value, error in pairs[name]),
             *('-' if t is None else f'{t:+.1f} ({p:.2g})' for t, p in zip(row['apart'][1:], row['p'][1:], strict=True)),
         ]
-        for name, row in found.items()
+        for name, row in parameters.items()
     ]
-    note = '±: standard errors; t: difference from A in standard errors of both; p: how likely chance makes it as large'
+    note = '±: standard errors; t: difference from A in standard errors of both; p: probability of such a t by chance'
     tables = [Table(['', *letters, *(f't (p) of {letter} - A' for letter in letters[1:])], rows, [note])]
     if 'on' in compared:
         rows = _error_rows(compared['horizons'], *compared['error'], compared['persistence'])
@@ -333,7 +333,7 @@ def comparison(compared: Mapping[str, Any]) -> str:
 
 
 def motion_lines(found: Excited, experiment: Experiment) -> list[str]:
-    """Return, in words, the pulses and the motion that they are predicted to make."""
+    """Return sentences on the pulses and on the predicted motion."""
     train, speed, turns = found.train, found.speed, found.angle / (2 * np.pi)
     return [
         f'pulses: every {train.period:g} s, {100 * train.width:g} % of it, from {train.amplitude_min:g} to '
@@ -344,29 +344,29 @@ def motion_lines(found: Excited, experiment: Experiment) -> list[str]:
 
 
 def excitation_table(parameters: Parameters, std_error: Array | None, paper: Excited, found: Excited) -> Table:
-    """Return a row a parameter: its standard error now, after the paper's pulses, and after those found.
+    """Return the standard errors of each parameter now, after the paper's pulses, and after the designed pulses.
 
-    In % of its value or, where that is 0, in its unit. Parameters that are 0 and not identifiable are left out.
-    ``std_error`` is that of the present estimate, shape (D,); None where it is not known.
+    They are in % of the value or, if it is 0, in its unit. Parameters that are 0 and not identifiable are omitted.
+    ``std_error`` are the standard errors of the present estimate, shape (D,); None if unknown.
     """
     theta = parameters.vector()
-    nothing = theta == 0
-    scale = np.where(nothing, 1.0, np.abs(theta) / 100)
+    zero = theta == 0
+    scale = np.where(zero, 1.0, np.abs(theta) / 100)
     columns = {"paper's pulses": paper.std_error / scale, 'these': found.std_error / scale}
     if std_error is not None:
         columns = {'now': std_error / scale, **columns}
     rows = []
     for k, name in enumerate(NAMES[: len(theta)]):
-        if nothing[k] and not np.isfinite(found.std_error[k]):
+        if zero[k] and not np.isfinite(found.std_error[k]):
             continue
-        unit = '' if not nothing[k] else ' N m/N m' if UNITS[k] == '1' else f' {UNITS[k]}'
+        unit = '' if not zero[k] else ' N m/N m' if UNITS[k] == '1' else f' {UNITS[k]}'
         ratio = number(paper.std_error[k] / (found.std_error[k] or np.nan), '.1f')
         rows.append([name, *(f'{number(errors[k], ".2g")}{unit}' for errors in columns.values()), ratio])
-    worst = [float(np.max(errors[np.isfinite(errors) & ~nothing], initial=0.0)) for errors in columns.values()]
+    worst = [float(np.max(errors[np.isfinite(errors) & ~zero], initial=0.0)) for errors in columns.values()]
     ratio = number(worst[-2] / (worst[-1] or np.nan), '.1f')
     rows.append(['the worst', *(number(value, '.2g') for value in worst), ratio])
     notes = [
-        'from this motion alone, followed for 2 s at a time, as far as the rounding of the encoders sets them:',
-        'where the model itself errs they are larger, and the ratio is what counts',
+        'standard errors from this motion alone, in simulations of 2 s, due to encoder quantization;',
+        'errors of the model make them larger; compare the ratio',
     ]
     return Table(['standard error, %', *columns, 'ratio'], rows, notes)

@@ -1,10 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plots over time: described once, as data that the page explores (``page.js``) and that a static figure draws.
+"""Plots over time, described once as data for the page (``page.js``) and for static figures.
 
-A plot is a list of panels above one time axis; a panel is a list of lines. All plots of a page are zoomed and read
-together.
+A plot is a list of panels above one time axis; a panel is a list of lines. All plots of a page share zoom and cursor.
 """
 
 from __future__ import annotations
@@ -24,46 +23,46 @@ from pendubot_identification.arrays import Array
 
 from .table import typeset
 
-#: Largest number of times that a panel shows: of each interval the lowest and the highest value of each line.
+#: Largest number of times in a panel, which shows the lowest and the highest value of each line per interval.
 MOST_POINTS = 2400
 
 
 class Line(NamedTuple):
-    """A quantity in pieces: between them the line is broken."""
+    """A quantity in pieces; the line is broken between them."""
 
-    label: str  #: in the legend; empty: not in it.
+    label: str  #: legend entry, or empty.
     values: Sequence[Array]  #: at the times of each piece, shapes (N,).
     colour: str
     width: float = 1.0
     style: Literal['line', 'steps', 'dots', 'band'] = 'line'
-    upper: Sequence[Array] = ()  #: edge of a ``band`` above that of ``values``.
+    upper: Sequence[Array] = ()  #: upper edge of a ``band``, shapes (N,).
 
 
 class Panel(NamedTuple):
-    """Lines of one unit."""
+    """Lines with one unit."""
 
     quantity: str
     unit: str
-    times: Sequence[Array]  #: of each piece [s], shapes (N,).
+    times: Sequence[Array]  #: times of each piece [s], shapes (N,).
     lines: Sequence[Line]
-    reach: tuple[float, float] | None = None  #: values beyond these are not shown; None: all are.
+    reach: tuple[float, float] | None = None  #: range of the shown values; None: all values.
 
     def data(self) -> dict[str, Any]:
-        """Return the panel as plain data, thinned to what a screen shows: times, and the values of all lines there."""
+        """Return the panel as plain data, thinned for a screen: times, and the values of all lines."""
         edges = [edge for line in self.lines for edge in (line.values, line.upper) if edge]
         t, values = joined(self.times, [np.column_stack(piece) for piece in zip(*edges, strict=True)])
         columns = iter([_numbers(column) for column in values.T])
         lines = []
         for line in self.lines:
-            found = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
-            lines.append(found | {'y': next(columns)} | ({'upper': next(columns)} if line.upper else {}))
+            entry = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
+            lines.append(entry | {'y': next(columns)} | ({'upper': next(columns)} if line.upper else {}))
         label = f'{self.quantity} [{typeset(self.unit)}]'.replace('[1]', '').strip()
-        times = [round(at, 5) for at in t.tolist()]
+        times = [round(time, 5) for time in t.tolist()]
         return {'label': label, 'reach': self.reach, 't': times, 'lines': lines}
 
 
 class Span(NamedTuple):
-    """An interval of time [s], shaded, or a line where its length is 0; ``label`` is in the legend."""
+    """A shaded interval of time [s], or a line if its length is 0; ``label`` is the legend entry."""
 
     begin: float
     end: float
@@ -76,10 +75,10 @@ class TimePlot(NamedTuple):
 
     panels: Sequence[Panel]
     spans: Sequence[Span] = ()
-    live: Mapping[str, Any] | None = None  #: measured motion from which the page simulates the lines itself.
+    live: Mapping[str, Any] | None = None  #: measured motion for simulations in the page.
 
     def data(self) -> dict[str, Any]:
-        """Return the plot as plain data, thinned to what a screen shows."""
+        """Return the plot as plain data, thinned for a screen."""
         return {
             'live': self.live,
             'spans': [[round(begin, 5), round(end, 5), *rest] for begin, end, *rest in self.spans],
@@ -124,9 +123,9 @@ def _draw(axis: Any, t: Array, line: Mapping[str, Any]) -> None:
 
 
 def thinned(values: Array, most: int = MOST_POINTS) -> NDArray[np.intp]:
-    """Return which at most ``most`` of N samples of L lines, shape (N, L), cover the same area of a plot.
+    """Return the indices of at most ``most`` of N samples of L lines, shape (N, L), that cover the same plot area.
 
-    Of each interval of time they are the lowest and the highest sample of each line.
+    They are the lowest and the highest sample of each line in each interval of time.
     """
     if len(values) <= most:
         return np.arange(len(values))
@@ -136,22 +135,22 @@ def thinned(values: Array, most: int = MOST_POINTS) -> NDArray[np.intp]:
 
 
 def joined(times: Sequence[Array], values: Sequence[Array], most: int = MOST_POINTS) -> tuple[Array, Array]:
-    """Return pieces of L lines, shapes (N,) and (N, L), thinned, as one that ascends in time, with NaN between them."""
-    found = [(np.empty(0), np.empty((0, 1)))]
+    """Return thinned pieces of L lines, shapes (N,) and (N, L), as one piece in ascending time, separated by NaN."""
+    pieces = [(np.empty(0), np.empty((0, 1)))]
     end, share = -math.inf, most // max(len(times), 1)
     for t, piece in zip(times, values, strict=True):
         kept = thinned(piece, max(share, 2 * piece.shape[1]))
         if len(kept) == 0:
             continue
         if end > -math.inf:
-            found.append((np.array([end + 1e-5]), np.full((1, piece.shape[1]), np.nan)))
-        # A piece may begin where the last one ends: it begins 20 us later, which nobody sees.
-        found.append((np.maximum(t[kept], end + 2e-5), piece[kept]))
-        end = float(found[-1][0][-1])
-    t, piece = (np.concatenate(each) for each in zip(*(found[1:] or found), strict=True))
+            pieces.append((np.array([end + 1e-5]), np.full((1, piece.shape[1]), np.nan)))
+        # A piece that begins at the end of the last one is moved by 20 us, which is invisible.
+        pieces.append((np.maximum(t[kept], end + 2e-5), piece[kept]))
+        end = float(pieces[-1][0][-1])
+    t, piece = (np.concatenate(part) for part in zip(*(pieces[1:] or pieces), strict=True))
     return t, piece
 
 
 def _numbers(values: Array) -> list[float | None]:
-    """Return numbers to five digits, as short as can be; None where there is none."""
+    """Return numbers rounded to five digits; None for numbers that are not finite."""
     return [float(f'{value:.5g}') if math.isfinite(value) else None for value in values.tolist()]

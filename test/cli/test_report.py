@@ -35,7 +35,7 @@ def test_a_folder_with_a_page_and_the_result(made):
     assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(PLOTS | FIGURES)
     assert [link for link in page.links if not link.startswith(('data:', '#'))] == []
     assert str(made) not in (made / 'look' / 'report.html').read_text()
-    assert 'data that no parameter was estimated from' in text(made / 'look')
+    assert 'data that were not used to estimate them' in text(made / 'look')
     assert 'Not shown' not in text(made / 'look')
 
 

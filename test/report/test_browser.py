@@ -337,7 +337,7 @@ def test_both_play_from_a_chosen_start(opened):
     measured, simulated = page.evaluate(POSES)
     assert simulated == pytest.approx(measured, abs=0.02), 'it begins where the rig was measured'
     assert len(page.evaluate(starts)) > 2
-    page.get_by_label('how long each simulation is').select_option('to the end')
+    page.get_by_label('duration of each simulation').select_option('to the end')
     assert len(page.evaluate(starts)) == 1
     page.locator('.player input').fill(str(first))
     assert page.evaluate(POSES)[1] is None, 'nothing is simulated before the start'

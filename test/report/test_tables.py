@@ -140,5 +140,5 @@ def test_zeros_are_shown_with_half_of_their_intervals_where_a_criterion_estimate
     assert zero_table(typed(result)) is None
     result['zeros'] = [{'recording': 'swing', 'q1': -3.26, 'q1_std_error': 0.12, 'q2': None, 'q2_std_error': None}]
     text = zero_table(typed(result)).text()
-    assert columns(text) == {'zeros are off by [degrees]': ['q1', 'q2'], 'swing': ['-3.3 ± 0.2', '-']}
+    assert columns(text) == {'errors of the zeros [degrees]': ['q1', 'q2'], 'swing': ['-3.3 ± 0.2', '-']}
     assert text in summary(typed(result))
