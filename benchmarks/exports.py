@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Print the differences between exported rigs in other engines and this package: ``python -m benchmarks.exports``.
+"""Prints the differences between exported rigs in other engines and this package: ``python -m benchmarks.exports``.
 
-And the prediction errors of identified parameters in MuJoCo beside those of this package.
+A second table compares the prediction errors of identified parameters in MuJoCo and in this package.
 """
 
 import importlib
@@ -28,7 +28,7 @@ from test.simulated_rig import runge_kutta
 
 
 class Engine:
-    """An engine whose accelerations are integrated here."""
+    """An engine with accelerations that this class integrates."""
 
     def motion(self, q, v, tau):
         def slope(x):
@@ -43,7 +43,7 @@ class Engine:
 
 
 class Pinocchio(Engine):
-    """A file in Pinocchio."""
+    """A robot description file in Pinocchio."""
 
     def __init__(self, text, parameters):
         self.engine = importlib.import_module('pinocchio')
@@ -58,7 +58,7 @@ class Pinocchio(Engine):
         self.data, self.damping = self.model.createData(), np.array([parameters.b1, parameters.b2])
 
     def at(self, q):
-        """Its own coordinates; a joint without limits has two."""
+        """Return Pinocchio's coordinates; a joint without limits has two."""
         return self.engine.integrate(self.model, self.engine.neutral(self.model), q)
 
     def terms(self, q, v):
@@ -67,7 +67,7 @@ class Pinocchio(Engine):
 
 
 class Drake(Engine):
-    """A file in Drake."""
+    """A robot description file in Drake."""
 
     def __init__(self, text, parameters):
         multibody, parsing = (importlib.import_module(f'pydrake.multibody.{name}') for name in ('plant', 'parsing'))
@@ -88,7 +88,7 @@ class Drake(Engine):
 
 
 def predictions(recording):
-    """The prediction errors of a recording's second half by its first one, here and in MuJoCo."""
+    """Return the prediction errors of a recording's second half by its first one, here and in MuJoCo."""
     engine = importlib.import_module('mujoco')
     halves = recording[: len(recording) // 2], recording[len(recording) // 2 :]
     found = identify(halves[:1], halves[1:])
@@ -105,8 +105,8 @@ def predictions(recording):
             data.qfrc_applied = tau
             engine.mj_step(model, data, 2)
             states[k, :, lane] = [*data.qpos, *data.qvel]
-    off = (states[list(simulations.at)] - simulations.end) / state_scale([training])[:, None]
-    return best.prediction.error[:ASSESSED], np.sqrt((off**2).mean(axis=(1, 2)))
+    errors = (states[list(simulations.at)] - simulations.end) / state_scale([training])[:, None]
+    return best.prediction.error[:ASSESSED], np.sqrt((errors**2).mean(axis=(1, 2)))
 
 
 CASES = [

@@ -10,5 +10,5 @@ def line(*cells):
 
 
 def head(*names):
-    """Return the names of the columns, and the line below them."""
+    """Return the head of a table: the names of the columns, and the line below them."""
     return f'{line(*names)}\n|{"---|" * len(names)}'

@@ -11,13 +11,13 @@
     python -m benchmarks.estimator pushes [--seeds 2]      unmodelled friction and pushes by hand
 
 Errors are open-loop simulation errors over the standard deviations of the scored recordings' states (geometric mean
-over the fits). dP: |P_a - P_b| / mean of P1 to P5 between two disjoint halves. Inside: how many of these differences
-are within the root of both 95 % half-widths squared. Effects are those that the result compensates.
+over the fits). dP: |P_a - P_b| / mean of P1 to P5 between two disjoint halves. Inside: the number of these differences
+within the root sum of squares of both 95 % half-widths. Effects: the compensated effects of the result.
 """
 
 import os
 
-# Before numpy: each process works alone.
+# Before numpy is imported: each process uses one thread.
 os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = os.environ['PENDUBOT_THREADS'] = '1'
 
 import argparse
@@ -33,7 +33,7 @@ from .tables import TABLES, markdown
 def main():
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('what', choices=TABLES)
+    parser.add_argument('table', choices=TABLES)
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--strengths', nargs='+', default=measurements.STRENGTHS, choices=measurements.STRENGTHS)
     parser.add_argument('--test', action='store_true', help='of real: fit all train recordings, score the test ones')
@@ -47,12 +47,12 @@ def main():
         'unknown': lambda: measurements.imperfect(UNKNOWN, args.seeds, args.strengths),
         'pushes': lambda: measurements.pushed(args.seeds),
     }
-    found = []
+    outcomes = []
     with ProcessPoolExecutor(args.processes) as pool:
-        for result in pool.map(measurements.call, jobs[args.what]()):
-            found.append(result)
-            print(len(found), *[value for value in result.values() if isinstance(value, str | int)], file=sys.stderr)
-    print(markdown(args.what, found))
+        for result in pool.map(measurements.call, jobs[args.table]()):
+            outcomes.append(result)
+            print(len(outcomes), *[value for value in result.values() if isinstance(value, str | int)], file=sys.stderr)
+    print(markdown(args.table, outcomes))
 
 
 if __name__ == '__main__':

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is identified for each table: generators of jobs, each of which returns numbers and words of one fit."""
+"""The fits for each table: generators of jobs; each job returns the outcome of one fit."""
 
 from functools import partial
 from itertools import combinations, product
@@ -21,7 +21,7 @@ from test.simulated_rig import CATALOGUE, SIZES, UNKNOWN, Rig, record, true
 
 RECORDINGS = 3
 STRENGTHS = ('weak', 'medium', 'strong')
-HORIZONS = 3  # of the predictions: .1, .25 and .5 s
+HORIZONS = 3  # number of the first prediction horizons: .1, .25 and .5 s
 #: Unmodelled friction under pushes by hand.
 RUBBING = {
     'stribeck': Rig(stribeck=1.0, pushes=2),
@@ -35,10 +35,10 @@ def call(job):
 
 
 def fit(training, *, truth=None, scored=(), bare=False, **key):
-    """Identify and return what tables need: of a refusal its level alone.
+    """Identify and return the outcome for the tables; a refused identification has only its level.
 
-    ``truth``: the true parameters by name. ``scored``: recordings to predict. ``bare``: identify once more without
-    compensation, for its error. ``key``: what distinguishes it from others.
+    ``truth``: the true parameters by name. ``scored``: recordings to predict. ``bare``: identify again without
+    compensation, for its error. ``key``: entries that identify the outcome.
     """
     try:
         found = identify(training)
@@ -66,7 +66,7 @@ def errors(theta, truth):
 
 
 def real(test=False):
-    """Yield the jobs of shared recordings: every one left out, every split in halves; or train against test alone."""
+    """Yield the jobs of shared recordings: each left out, every split in halves; or train against test alone."""
     for rig in RIGS:
         train = recorded(rig, 'train')
         if test:
@@ -76,14 +76,14 @@ def real(test=False):
             continue
         for k, motion in enumerate(train):
             yield partial(fit, train[:k] + train[k + 1 :], scored=[motion], group=rig, kind='left out', pair=None)
-        # Each split once; of an odd number the smaller part.
+        # Each split once; with an odd number, training on the smaller part.
         halves = list(combinations(range(len(train)), len(train) // 2))
         for pair, half in enumerate(halves if len(train) % 2 else halves[: len(halves) // 2]):
             yield from both(train, half, group=rig, kind='halves', pair=pair)
 
 
 def single():
-    """Yield the jobs of single recordings, held against the parameters of all others of that rig."""
+    """Yield the jobs of single recordings, compared with the parameters of all other recordings of the rig."""
     for rig in RIGS:
         train = recorded(rig, 'train')
         for k in range(len(train)):
@@ -91,12 +91,12 @@ def single():
 
 
 def against(motion, others, **key):
-    """Identify one recording, with the answer of others in the place of the truth."""
+    """Identify one recording, with the estimate from others as the truth."""
     return fit([motion], truth=dict(zip(NAMES[:5], identify(others).best.theta, strict=False)), **key)
 
 
 def both(recordings, half, **key):
-    """Yield the jobs of one half, scored on the other, and the reverse."""
+    """Yield the jobs of each half, scored on the other."""
     one = [recordings[k] for k in half]
     other = [recordings[k] for k in range(len(recordings)) if k not in half]
     yield partial(fit, one, scored=other, **key)
@@ -104,12 +104,12 @@ def both(recordings, half, **key):
 
 
 def simulated(rigs, seeds, number=RECORDINGS, **how):
-    """Yield name, seed and motions of each of the rigs by name: so many recordings of 10 s."""
+    """Yield name, seed and motions of each of the rigs by name: ``number`` recordings of 10 s."""
     lanes = [(name, seed, k) for name in rigs for seed in range(seeds) for k in range(number)]
     begin = np.array([10.0 * k for *_, k in lanes])
-    made = record([100 * seed + k for _, seed, k in lanes], [rigs[name] for name, *_ in lanes], begin=begin, **how)
+    runs = record([100 * seed + k for _, seed, k in lanes], [rigs[name] for name, *_ in lanes], begin=begin, **how)
     for n in range(0, len(lanes), number):
-        motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in made[n : n + number]]
+        motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in runs[n : n + number]]
         yield *lanes[n][:2], motions
 
 

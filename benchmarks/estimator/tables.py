@@ -15,18 +15,18 @@ LEVELS = ('OK', 'WARN', 'ERROR', 'refused')
 
 
 def levels(found):
-    """Return how many outcomes have which level."""
+    """Return the number of outcomes of each level."""
     counted = Counter(r['level'] for r in found)
     return '/'.join(str(counted[level]) for level in LEVELS)
 
 
 def effects(found):
-    """Return which effects were compensated, how often."""
+    """Return the compensated effects with their frequencies."""
     return ', '.join(f'{name} {n}' for name, n in Counter(name for r in found for name in r['effects']).most_common())
 
 
 def held(found, names, level=None):
-    """Return the percentage of intervals that hold the truth, of outcomes at a level."""
+    """Return the percentage of intervals that contain the truth, for outcomes at a level."""
     inside = [yes for r in found if level in (None, r['level']) for n, yes in r.get('held', {}).items() if n in names]
     return f'{100 * np.mean(inside):.0f} of {len(inside)}' if inside else ''
 
@@ -68,7 +68,7 @@ def scored(found):
 
 
 def compared(found):
-    """Yield a row for each value of each factor, and for all: errors against the truth, and intervals that hold it."""
+    """Yield a row for all outcomes and for each value of each factor: errors, and intervals that contain the truth."""
     intervals = ('P held [%]', 'at OK', 'at WARN', 'friction held [%]', 'at WARN')
     yield '', 'n', 'error of P1 to P5 [%]', 'without compensation', *intervals, '/'.join(LEVELS), 'right', 'effects'
     parts = {'all': found}
@@ -88,7 +88,7 @@ def compared(found):
 
 
 def is_right(effect, name):
-    """Return whether an effect of a simulated rig is named as what it is."""
+    """Return whether a detected effect is the effect of the simulated rig."""
     kind = effect.split(',')[0].lower()
     return name.lower().replace('_', ' ') in (kind, 'friction' if kind in ('stribeck', 'width') else kind)
 

@@ -3,7 +3,7 @@
 
 """Fault trials: ``python -m benchmarks.faults [--short] [--board c] [NAME ...]`` prints targets and figures.
 
-The long trials take about half an hour on a quiet machine with two cores; ``--short`` runs those of the tests.
+The long trials take about half an hour on a quiet machine with two cores; ``--short`` runs the tests' short trials.
 """
 
 import argparse
@@ -24,9 +24,9 @@ def main():
     trials = [*bridge.TRIALS, *ownership.TRIALS, *recorder.TRIALS]
     names = [trial.name for trial in trials]
     parser = argparse.ArgumentParser(prog='python -m benchmarks.faults', description=__doc__)
-    parser.add_argument('names', nargs='*', metavar='NAME', help=f'which: {", ".join(names)} (default: all)')
+    parser.add_argument('names', nargs='*', metavar='NAME', help=f'trials: {", ".join(names)} (default: all)')
     parser.add_argument('--short', action='store_true', help='seconds instead of minutes')
-    boards = 'the virtual board: of Python, or the firmware in C (default %(default)s)'
+    boards = 'the virtual board: in Python, or the firmware in C (default %(default)s)'
     parser.add_argument('--board', choices=BOARDS, default='python', help=boards)
     options = parser.parse_args()
     if unknown := set(options.names) - set(names):

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The bridge's fault trials: each row of the table that concerns it, as a function that measures."""
+"""The fault trials of the bridge: one measuring function for each row of the table."""
 
 import contextlib
 import multiprocessing
@@ -33,7 +33,7 @@ WATCHDOG_MS = 100
 
 @contextlib.contextmanager
 def live_rig(folder, *board_options):
-    """A rig at 1 kHz with a node of its own."""
+    """Provide a rig at 1 kHz with its own node."""
     with ros():
         rig = Rig(folder, 1000, *board_options)
         try:
@@ -44,7 +44,7 @@ def live_rig(folder, *board_options):
 
 @contextlib.contextmanager
 def running_rig(folder, *board_options, bridge=()):
-    """The same in a folder of its own, with a board and a bridge that publishes."""
+    """Provide a rig in its own folder, with a board and a publishing bridge."""
     folder.mkdir(exist_ok=True)
     with live_rig(folder, *board_options) as rig:
         rig.start_board()
@@ -54,50 +54,50 @@ def running_rig(folder, *board_options, bridge=()):
 
 
 def drive(rig, torque):
-    """Arm and command until the motor obeys; a busy machine may lose the link in between."""
+    """Arm and command until the motor applies the torque; a busy machine may lose the link in between."""
     deadline = time.monotonic() + 30
 
-    def obeys():
+    def applied():
         rig.effort(torque)
         return rig.samples[-1][6] == torque
 
-    while not (rig.call('arm').success and spin_until(rig.node, obeys, 3.0)):
+    while not (rig.call('arm').success and spin_until(rig.node, applied, 3.0)):
         assert time.monotonic() < deadline, rig.programs[-1].output
 
 
 def processor_time(pid):
-    """Seconds that a process has used."""
+    """Return the processor time of a process [s]."""
     with open(f'/proc/{pid}/stat') as file:
         fields = file.read().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def holds(pid):
-    """How many descriptors and threads a process has."""
+def handles(pid):
+    """Return the numbers of descriptors and threads of a process."""
     return len(os.listdir(f'/proc/{pid}/fd')), len(os.listdir(f'/proc/{pid}/task'))
 
 
 def listened(path):
-    """What the listener wrote: arrivals and stamps [ns], positions, efforts."""
+    """Return the listener's arrivals and stamps [ns], positions and efforts."""
     with open(path, 'rb') as file:
         times, values = np.load(file), np.load(file)
     return times[:, 0], times[:, 1], values[:, :2], values[:, 2]
 
 
 def number_of(q):
-    """Which of the numbered samples has these positions."""
+    """Return the number of the sample with these positions."""
     return round((q[0] + np.pi / 2) / RADIAN)
 
 
 def is_numbered(q, effort):
-    """Return whether positions and effort are those of one numbered sample."""
+    """Return whether positions and effort belong to the same numbered sample."""
     n = number_of(q)
     return abs(q[1] + 2 * n * RADIAN) < 1e-6 and round(effort * 1e6) == scrambled(n)
 
 
 @contextlib.contextmanager
 def repeating(work, every):
-    """Do something again and again, every so often [s], in a thread."""
+    """Call a function periodically in a thread, with a period [s]."""
     ended = threading.Event()
 
     def repeat():
@@ -115,7 +115,7 @@ def repeating(work, every):
 
 @contextlib.contextmanager
 def commander(rng):
-    """Arms the bridge, as soon as it may, then sends random torques, 20 a second, so that something moves."""
+    """Arm the bridge as soon as possible, then send 20 random torques per second, so that the rig moves."""
     from std_msgs.msg import Float64
     from std_srvs.srv import Trigger
 
@@ -128,9 +128,9 @@ def commander(rng):
 
 
 def stream(folder, seconds, wanted):
-    """1 kHz to a second process and the recorder, armed and moving; gives the figures that every machine meets.
+    """Stream 1 kHz to a second process and the recorder, armed and moving; yield figures without timing.
 
-    Returns by how much stamps are off [us], latencies [ms] and the bridge's share of a core.
+    Returns stamp errors [us], latencies [ms] and the bridge's share of a core.
     """
     trace, heard = folder / 'trace.csv', folder / 'heard.npy'
     board = Program('virtual_board', '--link', folder / 'board', '--rate', 1000, '--trace', trace)
@@ -141,7 +141,7 @@ def stream(folder, seconds, wanted):
         listener.wait_for('listening')
         bridge.wait_for('counts per turn')
         with commander(np.random.default_rng(1)):
-            # Discovery is no matter of losses; the measurement begins here.
+            # The measurement begins after discovery, which would count as losses.
             listener.wait_for('hearing')
             recorder.wait_for('recording /joint_states')
             time.sleep(0.5)
@@ -171,19 +171,19 @@ def stream(folder, seconds, wanted):
 
 
 def place(truth, heard):
-    """Where in the truth all that was heard stands, row by row without a gap; None where it does not."""
-    # The first moment that has no like is where the search begins.
+    """Return the index of the received rows in the truth; None if they are not a contiguous part of it."""
+    # The search begins at the first change, because equal rows are ambiguous.
     moving = np.flatnonzero((np.diff(heard, axis=0) != 0).any(axis=1))
     anchor = int(moving[0]) if len(moving) else 0
-    for at in np.flatnonzero((truth == heard[anchor]).all(axis=1)):
-        start = at - anchor
+    for match in np.flatnonzero((truth == heard[anchor]).all(axis=1)):
+        start = match - anchor
         if start >= 0 and np.array_equal(truth[start : start + len(heard)], heard):
             return int(start)
     return None
 
 
 def recorded_stamps(bag):
-    """The stamps [ns] in a bag, read by rosbags; a JointState begins with its stamp, behind 4 bytes of CDR's own."""
+    """Return the stamps [ns] in a bag, read by rosbags; a JointState's stamp follows the 4 bytes of CDR's header."""
     stamps = [struct.unpack_from('<iI', data, 4) for topic, _, data in by_rosbags(bag) if topic == '/joint_states']
     return np.array([sec * 10**9 + nanosec for sec, nanosec in stamps], dtype=np.int64)
 
@@ -227,7 +227,7 @@ def damaged_offline(_, long):
     last = -1
     for k in range(3 * wanted):
         frame = encode(numbered_state(k % 2**30))
-        # One that is damaged, and two to see what it took along.
+        # One damaged frame, and two frames to count further losses.
         data = frame if k % 3 else damage(frame, rng)
         cut = int(rng.integers(len(data)))
         for part in (data[:cut], data[cut:]):
@@ -252,7 +252,7 @@ def cable(folder, long):
     with Program('listener', heard) as listener, running_rig(folder) as rig:
         listener.wait_for('hearing')
         board, bridge = rig.programs
-        before = holds(bridge.process.pid)
+        before = handles(bridge.process.pid)
         detected, back, paths = [], [], []
         disarmed = 0
         for _ in range(times):
@@ -269,7 +269,7 @@ def cable(folder, long):
             rig.until(lambda again=again: rig.samples[-1][1] > again + 20 * MS)
             disarmed += not newest(rig.trace_file)[4] & ARMED
         rig.fresh_values()
-        after = holds(bridge.process.pid)
+        after = handles(bridge.process.pid)
         alive = bridge.process.poll() is None
         listener.stop(signal.SIGTERM, 60)
     arrival, stamp, *_ = listened(heard)
@@ -283,18 +283,18 @@ def cable(folder, long):
 
 
 def nanoseconds(line):
-    """The time at the end of a line of the virtual board's."""
+    """Return the time at the end of a line of the virtual board [ns]."""
     return int(re.search(r'at (\d+) ns', line)[1])
 
 
 def log_time(line):
-    """The time [ns] of a line that rclpy logged."""
+    """Return the time of a line that rclpy logged [ns]."""
     seconds, nanos = re.search(r'\[(\d+)\.(\d{9})\]', line).groups()
     return int(seconds) * 10**9 + int(nanos)
 
 
 def commands(folder, long):
-    """The time from a command of torque to the first joint state that has it, on each of the bridge's two topics."""
+    """Measure the time from a torque command to the first joint state with it, on each of the bridge's two topics."""
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64
 
@@ -318,10 +318,10 @@ def commands(folder, long):
 
 
 def watchdog(folder, long):
-    """The commander stops, the bridge is stopped, the bridge is killed; figures in the board's own samples.
+    """The commander stops, the bridge is stopped, the bridge is killed; the figures are counts of board samples.
 
-    A machine that is busy enough trips the watchdog by itself, and one that stands still makes everybody late: then the
-    cause is tried again.
+    On a busy machine, the watchdog may trip without a cause, and pauses of the machine delay all programs: the trial
+    is then repeated.
     """
     late = {'commander stops': [], 'SIGSTOP': [], 'SIGKILL': []}
     still_armed = reported = tripped = stayed = excused = 0
@@ -338,12 +338,12 @@ def watchdog(folder, long):
             rig.until_samples(10)
 
         def brought_about(event):
-            """Bring a cause about while the motor runs; return the board's samples from there to torque 0, and for how
-            long [ms] the machine stood still meanwhile; None where the motor did not run.
+            """Cause an event while the motor runs; return the board's samples until torque 0, and the machine's longest
+            pause meanwhile [ms]; None if the motor did not run.
             """
             drive(rig, 0.2)
             now = time.monotonic_ns()
-            # By the clock: what a board that is late has taken so far is less than what was due.
+            # By the clock: a late board has taken fewer samples than were due.
             begun = (now - first) // MS + 1
             event()
             *_, torque, status = newest(rig.trace_file)
@@ -396,16 +396,16 @@ def watchdog(folder, long):
 
 
 def newest(trace):
-    """The last sample of a board's trace; reading all of it takes a while."""
+    """Return the last sample of a board's trace; reading the complete trace is slow."""
     with open(trace, 'rb') as file:
         file.seek(-200, os.SEEK_END)
         return [int(value) for value in file.read().split(b'\n')[-2].split(b',')]
 
 
 def board_start(trace):
-    """When a virtual board took its first sample [ns, time.monotonic_ns].
+    """Return the time at which a virtual board took its first sample [ns, time.monotonic_ns].
 
-    One that loses the processor takes its samples late, but none of them before it is due: the quickest of many counts.
+    A board without processor time takes samples late but never early: the minimum of many estimates counts.
     """
     until = time.monotonic_ns() + 500 * MS
     return min(time.monotonic_ns() - 1000 * newest(trace)[0] for _ in iter(lambda: time.monotonic_ns() < until, False))

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Trials of who owns the motor: other programs, false numbers, cut wires, stuck encoders, restarts, stopped programs.
+"""Trials of motor ownership: other programs, false numbers, cut wires, stuck encoders, restarts, stopped programs.
 
-Torques and times are those of the board's own trace, a sample every millisecond.
+Torques and times are from the board's trace, with a sample every millisecond.
 """
 
 import contextlib
@@ -23,14 +23,14 @@ from .bridge import drive, live_rig, newest, repeating, running_rig
 from .table import Trial
 from .wire import Tap
 
-#: What the rig's own commander wants, and the other program [N m].
+#: Torques that the rig's own commander and the other program command [N m].
 OWN, FOREIGN = 0.2, 0.7
 MICRO = 1_000_000
 
 
 @contextlib.contextmanager
 def tapped_rig(folder, *board_options, bridge=()):
-    """A rig whose two wires can be reached, and a bridge that hears its board through them."""
+    """Provide a rig and a bridge with a tap on the two wires between board and bridge."""
     folder.mkdir(exist_ok=True)
     with live_rig(folder, *board_options) as rig:
         rig.start_board()
@@ -42,23 +42,23 @@ def tapped_rig(folder, *board_options, bridge=()):
 
 
 def stranger(tap, messages):
-    """Another program on the port: it writes what ``messages()`` returns, 200 times a second."""
+    """Act as another program on the port: write the result of ``messages()`` 200 times a second."""
     return repeating(lambda: tap.inject(*messages()), 0.005)
 
 
 def commands(rng):
-    """Mode 1 of any session, as a program writes it that knows the frames and owns nothing."""
+    """Return a source of torque commands of random sessions, from a program that does not own the motor."""
     seqs = itertools.count(1)
     return lambda: [Command(next(seqs) & 0xFFFF, 0, 1, 500, round(MICRO * FOREIGN), int(rng.integers(0, 2**32)))]
 
 
 def torques_since(rig, begun):
-    """The torques [micro-N m] that the motor was given, as a set."""
+    """Return the set of torques that the motor applied [micro-N m]."""
     return {*rig.trace()[begun:, 3].tolist()}
 
 
 def samples(rig, count, torque=None):
-    """Let so many samples pass, commanding a torque meanwhile where one is given."""
+    """Wait for ``count`` samples, and command a torque meanwhile if one is given."""
     end = len(rig.samples) + count
 
     def passed():
@@ -70,7 +70,7 @@ def samples(rig, count, torque=None):
 
 
 def until_off(rig, begun, timeout=20.0):
-    """Wait until the motor is off; return after how many samples from ``begun`` on it was, and whether it stayed so."""
+    """Wait until the motor is off; return the number of samples from ``begun`` until then, and if it stayed off."""
     rig.until(lambda: not newest(rig.trace_file)[3] and not newest(rig.trace_file)[4] & ARMED, timeout)
     samples(rig, 300, OWN)
     rows = rig.trace()[begun:]
@@ -97,7 +97,7 @@ def foreign(folder, long):
         during('locked')
         assert rig.call('disarm').success
         during('disarmed')
-        # Not before it has been quiet for a second.
+        # The bridge arms only after a second without other commands.
         rig.until(lambda: spin_until(rig.node, lambda: False, 0.2) or rig.call('arm').success, 20)
         drive(rig, OWN)
         during('armed', OWN)
@@ -129,7 +129,7 @@ def usurper(folder, long):
             return
         boot_id, order = int(rig.fresh_values()['boot_id']), Command(2, 0, 1, 500, round(MICRO * FOREIGN), 99)
         for k in range(50 if long else 3):
-            # It cannot hear the board beside the bridge: so it tries all lock numbers that may be.
+            # It cannot read the board's frames beside the bridge, so it tries all possible lock numbers.
             requests = [Arm(1, 0, boot_id, 99, lock, 500) for lock in range(k + 1, k + 41)]
             rig.diagnoses.clear()
             begun = len(rig.trace())
@@ -145,7 +145,7 @@ def usurper(folder, long):
 
 
 def forged(folder, _):
-    """HELLO says a sample every second, no limits, or an enormous torque."""
+    """HELLO has a sample period of a second, no speed limit, or an enormous speed limit."""
     refused, given, said = 0, set(), []
     lies = {
         'a sample every 1000 ms': lambda h: replace(h, sample_period_us=MICRO),
@@ -168,7 +168,7 @@ def forged(folder, _):
 
 
 def wires(folder, long):
-    """Either wire is cut while the motor runs, and whole again later; with a HELLO that lies meanwhile, too."""
+    """Either wire is cut while the motor runs, and restored a second later."""
     results = {}
     cases = [('to_host', 100), ('to_board', 100), ('to_board', 300)][: 3 if long else 2]
     for wire, watchdog_ms in cases:
@@ -204,7 +204,7 @@ def stuck(folder, _):
 
 
 def runaway(folder, _):
-    """0.6 N m until something stops it: first the limits of the board, then those of the user."""
+    """Command 0.6 N m until a limit stops the motor: first limits of the board, then a limit of the user."""
     for limits, parameters_, name in (
         ((), (), 'speed'),
         (('--limit', 'max_speed=20000'), (), 'speed'),
@@ -218,13 +218,13 @@ def runaway(folder, _):
             rows = rig.trace()
             moving = rows[:, 3] != 0
             speed = np.abs(np.diff(rows[:, 1:3], axis=0)).max(axis=1) * (2 * np.pi / 4000) * 1000
-            fastest, farthest = speed[moving[1:]].max(), np.abs(rows[moving, 1]).max() * 2 * np.pi / 4000
+            fastest, largest = speed[moving[1:]].max(), np.abs(rows[moving, 1]).max() * 2 * np.pi / 4000
             bit = Status.SPEED if name == 'speed' else Status.TRAVEL
             tripped = bool((rows[:, 4] & (Status.SPEED | Status.TRAVEL)).any())
             named = bool((rows[:, 4] & bit).any()) or not limits
-        figures = f'with torque at most {fastest:.0f} rad/s and {farthest:.1f} rad'
+        figures = f'with torque at most {fastest:.0f} rad/s and {largest:.1f} rad'
         within = (
-            (fastest <= 22 or name != 'speed') and (farthest <= 6.1 or name != 'travel') if limits else farthest <= 61
+            (fastest <= 22 or name != 'speed') and (largest <= 6.1 or name != 'travel') if limits else largest <= 61
         )
         yield f'{" ".join(limits) or "limits by default"}: off', figures, tripped and named and within
 
@@ -253,14 +253,14 @@ def restart(folder, _):
 
 
 def stopped(folder, long):
-    """SIGSTOP of the bridge and of the exciter at each watchdog setting; what comes after SIGCONT is too old."""
+    """SIGSTOP of bridge and exciter at each watchdog setting; after SIGCONT, earlier commands are too old."""
     for watchdog_ms, pause in ((500, 0.35), (50, 0.35), (100, 0.35), (500, 0.8))[: 4 if long else 2]:
         with running_rig(folder / f'{watchdog_ms}{pause}', bridge=(f'watchdog_ms:={watchdog_ms}',)) as rig:
             bridge = rig.programs[-1]
             drive(rig, OWN)
             bridge.halt()
-            rig.effort(FOREIGN)  # waits for it
-            time.sleep(pause)  # what is tried
+            rig.effort(FOREIGN)  # is pending until SIGCONT
+            time.sleep(pause)
             begun = len(rig.trace())
             bridge.process.send_signal(signal.SIGCONT)
             end = len(rig.trace()) + 400
@@ -287,7 +287,7 @@ def stopped(folder, long):
             ended = spin_until(rig.node, lambda: exciter.process.poll() is not None, 20)
             rows = rig.trace()
     late = int(np.flatnonzero(rows[begun:stop, 3])[-1]) + 1
-    # A command on whose way the exciter was stopped leaves it afterwards, and is followed by 0.
+    # If SIGSTOP interrupted a command, the exciter sends it afterwards, followed by 0.
     more = np.count_nonzero(rows[stop:, 3])
     yield 'exciter: ends', f'{ended}', ended
     yield 'exciter: moves nothing more, but for the command on its way', f'{more} samples', more <= 20

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What befalls a recorder and its bags: killed at any moment, cut and changed anywhere, the disk full."""
+"""Fault trials of the recorder and its bags: SIGKILL at any moment, truncated and changed bags, a full disk."""
 
 import os
 import random
@@ -44,7 +44,7 @@ def wait_for_subscriptions(*publishers):
 
 
 def recorded(path):
-    """Return the number of messages that a reader sees by now."""
+    """Return the number of messages that a reader finds so far."""
     try:
         return BagReader(path).count
     except BagError:
@@ -66,9 +66,9 @@ def joint_state(k):
 
 
 def kills(node, folder, count):
-    """Kill a recorder of 1 kHz so many times, each at another moment.
+    """Kill a recorder of 1 kHz ``count`` times, at random moments.
 
-    Yield how many messages are lost, and whether a repaired copy has all others in order.
+    Yields the number of lost messages, and whether a repaired copy has all others in order.
     """
     random_ = random.Random(1)
     for k in range(count):
@@ -107,7 +107,7 @@ def killed(folder, long):
 
 def fills_up(folder, _=False, limited=False):
     """Record to a disk that fills up to the reserve, or under a limit on the size of files."""
-    # Little else is written there meanwhile; Fast DDS keeps its segments in /dev/shm, too.
+    # Few other programs write to /dev/shm meanwhile; Fast DDS keeps its segments there, too.
     with tempfile.TemporaryDirectory(dir='/dev/shm' if os.access('/dev/shm', os.W_OK) else folder) as disk:
         path = Path(disk, 'bag')
         reserve = 0 if limited else shutil.disk_usage(disk).free - ROOM
@@ -138,12 +138,12 @@ def fills_up(folder, _=False, limited=False):
 
 
 def damaged(folder, long, alter, counts, closed):
-    """Cut or change a bag many times; read and repair what is left."""
+    """Truncate or change a bag many times; read and repair the rest."""
     count = counts[long]
     silent = refused = worst = done = 0
     crash = 'no crash'
     try:
-        # So many bags need not be on the disk.
+        # fsync of this many bags would be slow, and they are temporary.
         with mock.patch.object(os, 'fsync', return_value=None):
             for outcome, left in damage.damaged_bags(folder, count, alter, closed=closed):
                 done += 1
@@ -155,7 +155,7 @@ def damaged(folder, long, alter, counts, closed):
     yield f'no crash in {count}', f'{crash} in {done}', done == count
     yield 'nothing wrong or missing accepted silently', f'{silent} messages', silent == 0
     left = f'at most {worst} messages of {damage.COUNT} not saved; {refused} refused as they were, with a sentence'
-    yield 'what is whole is read: all but one chunk, of 11 messages here', left, worst <= 11
+    yield 'intact chunks are read: all but one chunk, of 11 messages here', left, worst <= 11
 
 
 TRIALS = [

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a fault trial says: each figure that was wanted, what was measured, and whether that is good enough."""
+"""The results of fault trials: each target, the measured figure, and whether it meets the target."""
 
 from collections.abc import Callable, Iterable
 from contextlib import contextmanager
@@ -12,7 +12,7 @@ from benchmarks.markdown import head, line
 
 
 class Figure(NamedTuple):
-    """One figure of a trial; one of ``time`` is for a quiet machine, and no test depends on it."""
+    """One figure of a trial; with ``time``, it needs a quiet machine, and no test depends on it."""
 
     wanted: str
     measured: str
@@ -21,9 +21,9 @@ class Figure(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A fault and what shows how it is survived: ``measure(folder, long)`` gives the fields of figures.
+    """A fault and its measurement: ``measure(folder, long)`` yields the fields of figures.
 
-    ``board`` says whether it starts a virtual board.
+    ``board``: whether the trial starts a virtual board.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Trial(NamedTuple):
     board: bool = False
 
     def run(self, folder, long):
-        """Return the figures."""
+        """Return the figures of the trial."""
         return [Figure(*fields) for fields in self.measure(folder, long)]
 
 
@@ -40,13 +40,13 @@ HEADER = head('fault', 'wanted', 'measured', '')
 
 
 def row(fault, figure):
-    """A row of the table."""
+    """Return a row of the table."""
     return line(fault, figure.wanted, figure.measured, 'met' if figure.met else '**missed**')
 
 
 @contextmanager
 def ros():
-    """ROS as it is here, or begun for this."""
+    """Provide ROS, and initialise it if necessary."""
     import rclpy
 
     begun = not rclpy.ok()
@@ -61,7 +61,7 @@ def ros():
 
 @contextmanager
 def ros_node(name='fault_trial'):
-    """A node."""
+    """Provide a node."""
     with ros() as rclpy:
         node = rclpy.create_node(name)
         try:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Serial ports of one's own to misbehave on, an independent receiver, and damage from a seed."""
+"""Emulated serial wires with faults, numbered samples, and random damage of frames."""
 
 import contextlib
 import os
@@ -12,7 +12,7 @@ import tty
 
 from pendubot_identification.link.protocol import Decoder, Hello, Limits, State, encode
 
-#: Counts per turn, and the largest torque [micro-N m], of the board that is played here.
+#: Counts per turn, and largest torque [micro-N m], of the emulated board.
 CPR, LIMIT = 4000, 1_500_000
 
 
@@ -22,38 +22,38 @@ def hello(seq, t_us, boot_id=77):
 
 
 def numbered_state(k):
-    """Sample ``k`` of a motion whose every sample has its number."""
+    """Return sample ``k`` of a motion whose samples encode their number."""
     return State(k & 0xFFFF, 1000 * k % 2**32, k, -2 * k, scrambled(k), 0, 2400, 0, 0)
 
 
 def scrambled(k):
-    """A torque [micro-N m] that no neighbour has."""
+    """Return a torque that differs from the torques of nearby samples [micro-N m]."""
     return k * 2654435761 % 1_000_003
 
 
 def damage(frame, rng):
-    """A frame of which one bit is flipped, one byte dropped, or one doubled (which a delimiter survives)."""
+    """Return a frame with one bit flipped, one byte dropped, or one byte doubled (a delimiter may be)."""
     data = bytearray(frame)
-    kind, at = rng.integers(3), int(rng.integers(len(frame)))
+    kind, index = rng.integers(3), int(rng.integers(len(frame)))
     if kind == 0:
-        data[at] ^= 1 << int(rng.integers(8))
+        data[index] ^= 1 << int(rng.integers(8))
     elif kind == 1:
-        del data[at]
+        del data[index]
     else:
-        data.insert(at, data[at])
+        data.insert(index, data[index])
     return bytes(data)
 
 
 class Tap:
-    """Both wires between a board and a host, to be cut, rewritten, or written to by a third program.
+    """Both wires between a board and a host; they can be cut, rewritten, or written to by a third program.
 
     Args:
-        board: where the board is found.
-        link: where the host finds this.
+        board: path of the board's port.
+        link: path of the port for the host.
 
     Attributes:
         cut: the wires that are cut: ``to_host``, ``to_board``.
-        rewrite: makes of each message of the board the one that the host hears; None leaves the bytes alone.
+        rewrite: function that replaces each message of the board; None passes the bytes on.
     """
 
     def __init__(self, board, link):
@@ -63,7 +63,7 @@ class Tap:
         self._host, slave = pty.openpty()
         tty.setraw(slave)
         link.symlink_to(os.ttyname(slave))
-        self._slave = slave  # open, so that a host may come and go
+        self._slave = slave  # stays open, so that hosts can reconnect
         os.set_blocking(self._host, False)
         self._ended = threading.Event()
         self._lock = threading.Lock()
@@ -71,7 +71,7 @@ class Tap:
         self._thread.start()
 
     def inject(self, *messages):
-        """Write to the board as another program on the port does, between two frames."""
+        """Write to the board like another program on the port, between two frames."""
         data = b'\0' + b''.join(map(encode, messages))
         with self._lock:
             os.write(self._board, data)
@@ -94,7 +94,7 @@ class Tap:
                     heard = data
                     if self.rewrite is not None:
                         heard = b''.join(encode(self.rewrite(e)) for e in events if isinstance(e, (State, Hello)))
-                    # A host that does not read loses what no longer fits, as on a line.
+                    # A host that does not read loses bytes that no longer fit, as on a serial line.
                     with contextlib.suppress(BlockingIOError):
                         os.write(self._host, heard)
 

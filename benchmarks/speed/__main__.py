@@ -3,15 +3,15 @@
 
 """Measures the speeds of docs/benchmarks.md: ``make benchmark``, or ``python -m benchmarks.speed NAME ...`` for parts.
 
-Everything is interleaved with its peers in the same run, and shown as medians of at least five and as ratios: they are
-what carries over to another machine.
+Each measurement is interleaved with its peers in the same run. The tables show medians of at least five runs, and
+ratios, which are valid on other machines, too.
 """
 
 import argparse
 import os
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy, as the command does
-os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # what is installed has been compiled
+os.environ.pop('PYTHONDONTWRITEBYTECODE', None)  # installed modules are compiled, too
 
 from benchmarks.speed import bags, measure, optimisers
 from pendubot_identification import kernel
@@ -26,9 +26,9 @@ def main():
     parser.add_argument('--cpu', action='store_true', help='measure processor time, on a machine that others use too')
     args = parser.parse_args()
     if unknown := set(args.parts) - set(PARTS):
-        parser.error(f'there is no {", ".join(unknown)}; choose of {", ".join(PARTS)}')
+        parser.error(f'there is no part {", ".join(unknown)}; the parts are {", ".join(PARTS)}')
     if kernel.library() is None:
-        parser.error(f'here it is {kernel.description()}; there is nothing to compare')
+        parser.error(f'there is no compiled kernel to compare with ({kernel.description()}); install a C compiler')
     measure.clock = measure.cpu if args.cpu else measure.wall
     where = measure.machine() + (', processor time' if args.cpu else '')
     print(where, flush=True)

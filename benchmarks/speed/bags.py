@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A long bag: a window of it, and all of it, beside rosbags; each in a process of its own, whose memory is measured."""
+"""Reads a window of a long bag and all of it, compared with rosbags; separate processes show the memory of each."""
 
 import json
 import statistics
@@ -20,13 +20,13 @@ from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import EPOCH_NS, JOINT_NAMES, JOINT_STATE, encode_joint_state
 from test.conftest import ROOT
 
-#: A recording of a day's work: 3.6 million messages.
+#: A long recording: rate [Hz] and duration [s], 3.6 million messages.
 RATE, SECONDS = 1000, 3600
-#: What rosbags reads of it, from which all of it is extrapolated.
+#: rosbags reads one part of this number of parts; its time is extrapolated to the complete bag.
 SHARE = 30
 
-#: What runs in a process of its own: imports, the work, and what of it is said beside seconds and the largest memory
-#: [MB], which getrusage would give of the parent too.
+#: A program for a separate process: imports, work, and a figure to print beside seconds and the largest memory [MB].
+#: getrusage would include the memory of the parent.
 PROGRAM = """
 import json, sys, time
 from pathlib import Path
@@ -60,7 +60,7 @@ with AnyReader([Path(sys.argv[1])]) as reader:
 
 
 def write(path, count):
-    """Write a moving rig as the recorder does."""
+    """Write a bag of a moving rig like the recorder's."""
     t = np.arange(count) / RATE
     columns = np.sin([3 * t, 2 * t]).T, np.cos([3 * t, 2 * t]).T, np.stack([np.sin(7 * t), 0 * t], axis=1)
     message = bytearray(encode_joint_state(EPOCH_NS, JOINT_NAMES, [1, 1], [2, 2], [3, 3]))
@@ -76,7 +76,7 @@ def write(path, count):
 
 
 def run(program, *arguments):
-    """Return what a program says in a process of its own."""
+    """Return the printed figures of a program in a separate process."""
     command = [sys.executable, '-c', program, *map(str, arguments), measure.clock.__name__]
     return json.loads(subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True).stdout)
 
@@ -88,14 +88,14 @@ def measured(program, *arguments):
 
 
 def hour():
-    rows = [head('what', 'time', 'memory', 'rosbags, the same', 'ratio')]
+    rows = [head('part', 'time', 'memory', 'rosbags, the same', 'ratio')]
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, 'hour')
         write(bag, SECONDS * RATE)
         theirs, _, count = measured(THEIRS, bag, SECONDS / SHARE)
-        for what, window in (('10 s from the middle', (SECONDS / 2, SECONDS / 2 + 10)), ('all of it', ())):
+        for part, window in (('10 s from the middle', (SECONDS / 2, SECONDS / 2 + 10)), ('all of it', ())):
             spent, memory, read = measured(OURS, bag, *window)
             same = theirs / count * read
             figures = seconds(spent), f'{memory:.0f} MB', seconds(same), f'{same / spent:.3g}'
-            rows.append(line(f'{what}, {read} messages', *figures))
+            rows.append(line(f'{part}, {read} messages', *figures))
     return '\n'.join(rows)

@@ -1,15 +1,15 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How well the virtual rig is swung up and held, by parameters of which origin, and where the margins end.
+"""Measures swing-up and balancing of the virtual rig with parameters of several origins, and the stability margins.
 
     python -m benchmarks.speed.balance [--live] [--seeds 20] [--rates 200 500] [--from truth weak ...]
 
 Prints Markdown tables of the rig `balance` with encoders of 4000 counts, 4 ms of motor delay and 2 N m: from 20 starts
-near upright (each angle within 0.1 rad) and 20 from hanging (within 0.2 rad), at rest. Held is what stays within
-0.2 rad of upright, in both angles, for 10 s, from 1 s, or from 10 s after the start on. Without --live, in simulation;
-with it, over the board's protocol, a pty, the bridge, DDS and the balancer, in real time, 12 s and more a trial: on a
-machine that does nothing else. Then margins.
+near upright (each angle within 0.1 rad) and 20 from hanging (within 0.2 rad), at rest. A trial is held if both angles
+stay within 0.2 rad of upright for 10 s, beginning at most 1 s (upright) or 10 s (hanging) after the start. Without
+--live, trials are simulated; with it, they run over the board's protocol, a pty, the bridge, DDS and the balancer, in
+real time, for 12 s and more each, on an otherwise idle machine. The last table shows margins.
 """
 
 import os
@@ -39,21 +39,21 @@ from pendubot_identification.model.simulation import HANGING, LatePlant, quantis
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 LAG, LIMIT, TIME = 0.004, 2.0, 10.0
-#: Where it starts, how far each angle may be from there [rad], and when it has to be held [s].
+#: Start angles, largest deviation of each angle from them [rad], and latest time at which the rig is held [s].
 STARTS = {'upright': ((UPRIGHT, 0.0), 0.1, 1.0), 'hanging': (HANGING, 0.2, 10.0)}
-#: Where the parameters come from.
+#: Origins of the parameters.
 SOURCES = ('truth', 'likelihood', 'weak', 'energy', 'energy over 0.5 s')
 
 
 class Known(NamedTuple):
-    """What the controller takes the rig for."""
+    """The controller's parameters and input delay [s] of the rig."""
 
     parameters: Parameters
     lag: float
 
 
 class Trial(NamedTuple):
-    """How one start ended: when it was held [s], RMS of the worse angle [rad] and of the torque [N m], the peak."""
+    """The outcome of one start: time until held [s], RMS of the worse angle [rad] and of the torque, its peak [N m]."""
 
     held: float
     angle: float
@@ -62,7 +62,7 @@ class Trial(NamedTuple):
 
 
 def assessed(t, q, tau, begin):
-    """Return the trial that samples from arming on make."""
+    """Return the outcome of a trial from its samples after arming."""
     wrong = (deviation(q) > HELD) & (t <= begin + TIME)
     first = int(np.flatnonzero(wrong)[-1]) + 1 if wrong.any() else 0
     peak = float(abs(tau).max())
@@ -83,7 +83,7 @@ def simulated(known, rate, start, seed):
 
 
 def live_trials(known, rate, start, seeds):
-    """Run trials over pty, bridge and DDS; the board is another one each time, bridge and balancer go on."""
+    """Run trials over pty, bridge and DDS; each trial has a new board, but bridge and balancer continue."""
     from test.live import LiveRig
     from test.processes import parameters, spin_until
     from test.rig import ARMED
@@ -112,7 +112,7 @@ def live_trials(known, rate, start, seeds):
                 trial = assessed(t[armed] - t[armed][0], q[armed], tau[armed], begin)
                 if not math.isfinite(trial.held):
                     last = rig.said()[-1].message if rig.said() else 'nothing'
-                    print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer says: {last} -->', flush=True)
+                    print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer reports: {last} -->', flush=True)
                 yield trial
                 board.stop()
         finally:
@@ -120,7 +120,7 @@ def live_trials(known, rate, start, seeds):
 
 
 def identified():
-    """Identify the rig from what its encoders saw under the exciter's pulses of 2 N m, by every criterion."""
+    """Identify the rig from quantized angles under the exciter's pulses of 2 N m, by every criterion."""
     t, train = np.arange(1800) * 0.01, PulseTrain(amplitude_min=-2, amplitude_max=2)
     rig, states, tau = LatePlant(BALANCE, LAG), [], np.array([[train.torque(x), 0.0] for x in t])
     for torque in tau:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Times taken side by side: only the ratio carries over to another machine."""
+"""Measures times side by side: only their ratios are valid on other machines."""
 
 import os
 import platform
@@ -25,12 +25,12 @@ def wall():
 
 
 def cpu():
-    """Return the processor time [s] of this process and its children: what is left to measure on a loaded machine."""
+    """Return the processor time [s] of this process and its children, for measurements on a loaded machine."""
     uses = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(use.ru_utime + use.ru_stime for use in uses)
 
 
-#: By which everything is measured.
+#: The clock of all measurements.
 clock = wall
 
 
@@ -59,7 +59,7 @@ def on(compiled, work):
 
 
 def machine():
-    """Say where this was measured."""
+    """Return the processor, the number of cores and the versions."""
     lines = subprocess.run(['lscpu'], capture_output=True, text=True).stdout.splitlines()
     name = next((line.split(':')[1].strip() for line in lines if line.startswith('Model name')), platform.machine())
     versions = f'Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}'
@@ -67,7 +67,7 @@ def machine():
 
 
 def seconds(value):
-    """Return a time as people write it."""
+    """Return a time with a suitable unit."""
     for unit, factor in (('s', 1), ('ms', 1e3)):
         if value * factor >= 1:
             return f'{value * factor:.3g} {unit}'
@@ -75,7 +75,7 @@ def seconds(value):
 
 
 def table(spent, ours):
-    """Return the rows of a table: a work, its time, and that time over each of ours."""
+    """Return the rows of a table: a work, its time, and the ratio to each of our times."""
     rows = [head('', 'time', *(f'over {name}' for name in ours))]
     for name, value in spent.items():
         ratios = ('' if name in ours else f'{value / spent[other]:.3g}' for other in ours)

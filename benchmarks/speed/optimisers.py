@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""MDE beside differential evolutions from PyPI, all with the same number of function values."""
+"""Compares MDE with differential evolutions from PyPI, all with the same number of function values."""
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -16,19 +16,19 @@ from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
 
 RUNS, POPULATION, GENERATIONS = 10, 30, 4000
-#: Of classic DE, about what MDE draws on average.
+#: Parameters of classic DE, close to MDE's averages.
 WEIGHT, CROSSOVER = 0.7, 0.85
 
 
 def energy_criterion():
-    """The paper's criterion of the first half of the sample bag."""
+    """Return the paper's criterion of the first half of the sample bag."""
     motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
     regression = energy_regression(motion[: len(motion) // 2])
     return Quadratic.reduce(regression.phi, regression.y)
 
 
 def by_blas(criterion):
-    """The same criterion as a peer would write it, for a population at once, with the same penalty."""
+    """Return the same penalised criterion in plain numpy, for a population at once."""
     phi, y, count, floor = criterion.phi.T.copy(), criterion.y, criterion.count, criterion.floor
     worth = Penalised.of(criterion).worth
 
@@ -56,7 +56,7 @@ def scipys(value, bounds):
                 init=bounds.lower + start * (bounds.upper - bounds.lower),
                 maxiter=GENERATIONS,
                 tol=0,
-                atol=-1,  # at 0 it would stop where all values are equal
+                atol=-1,  # at 0 it would stop if all values were equal
                 polish=False,
                 vectorized=True,
                 updating='deferred',
@@ -69,7 +69,7 @@ def scipys(value, bounds):
 
 
 def pygmos(criterion, bounds):
-    """It asks for one vector at a time: the quickest way that numpy knows."""
+    """Return pygmo's DE, which evaluates one vector at a time, by the fastest numpy code."""
     import pygmo
 
     phi, y, count, floor = np.ascontiguousarray(criterion.phi), criterion.y, criterion.count, criterion.floor

@@ -1,15 +1,15 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Beside mujoco.sysid, of which robots are identified elsewhere: `pip install mujoco[sysid]`.
+"""Compares this package with mujoco.sysid, a common tool for robots: `pip install mujoco[sysid]`.
 
     python -m benchmarks.speed.sysid [--test]
 
-Prints a Markdown table. Both fit the same recordings and predict the same others, from the same smoothed states on,
-each by its own simulation. This package has its defaults. mujoco.sysid gets what its user has to find out: masses,
-segments of 0.5 s with states smoothed beforehand, angles and velocities as signals of the state (its jointpos comes a
-step late), RK4, and a start with all lengths a fifth off. --test evaluates the test recordings; without it the last of
-train takes their place.
+Prints a Markdown table. Both fit the same recordings and predict the same others, from the same smoothed states, each
+by its own simulation. This package has its defaults. mujoco.sysid gets the settings that its user must choose: masses,
+segments of 0.5 s with smoothed states, angles and velocities as signals of the state (its jointpos comes a step late),
+RK4, and a start with all lengths wrong by a fifth. --test evaluates the test recordings; without it, the last train
+recording replaces them.
 """
 
 import argparse
@@ -41,13 +41,13 @@ PUBLISHED = {
     'dfki_A0_sysid': np.array([0.1112, 0.0235, 0.0333, 0.3491, 0.1111, 0.001, 0.001, 0.146, 0.123, 0.0032]),
 }
 
-#: What mujoco.sysid estimates: P1 to P5, b1, b2, Fc1, Fc2 and J2 follow from these.
+#: The compared parameters P1 to P5, b1, b2, Fc1, Fc2 and J2; they follow from mujoco.sysid's estimates.
 TEN = NAMES[:10]
 CHUNK, STEP = 0.5, 0.002
 
 
 def fit(recordings, guess):
-    """Fit a rig by mujoco.sysid, from a guess: all that its user writes. Return model, ten parameters, covariance."""
+    """Fit a rig by mujoco.sysid from a guess. Return model, ten parameters and their standard errors."""
     spec = mujoco.MjSpec.from_string(mjcf(rig_of(guess)))
     elbow = spec.add_actuator(name='elbow', target='elbow', trntype=mujoco.mjtTrn.mjTRN_JOINT)
     elbow.set_to_motor()
@@ -96,7 +96,7 @@ def fit(recordings, guess):
             times, steps = interval * np.arange(per + 1), slice(k * sub, (k + per) * sub + 1)
             data = np.column_stack([q, qd])[k : k + per + 1]
             if np.any(np.ptp(data, axis=0) < 0.05 * np.ptp(np.column_stack([q, qd]), axis=0)):
-                continue  # residuals are divided by the signal's size, which is nothing where it rests
+                continue  # residuals are divided by the signal's range, which is zero at rest
             states.append(sysid.create_initial_state(model, q[k], qd[k]))
             controls.append(sysid.TimeSeries.from_control_names(STEP * np.arange(per * sub + 1), tau[steps], model))
             sensors.append(sysid.TimeSeries.from_names(times, data, model, observed))
@@ -126,7 +126,7 @@ def ten_of(params, covariance, m1, m2):
 
 
 def simulated(model, motions, scale):
-    """Return the errors of a MuJoCo model's predictions, as identify.prediction has them."""
+    """Return the errors of a MuJoCo model's predictions, defined as in identification.prediction."""
     data, errors = mujoco.MjData(model), []
     for horizon in HORIZONS[:ASSESSED]:
         cut = Simulations.of(motions, PAPER.vector(), 0.0, np.zeros(2), (horizon,), STRIDE)
@@ -142,31 +142,31 @@ def simulated(model, motions, scale):
 
 
 def ours(recordings, motions, scale):
-    """Return this package's parameters, standard errors, prediction errors, and the model that it chose."""
+    """Return this package's parameters, standard errors, prediction errors and selected model."""
     found = pendubot.identify(*recordings)
     value, error = (np.zeros(len(NAMES)) for _ in range(2))
-    own = [NAMES.index(name) for name in found.names]
-    value[own], error[own] = found.theta, np.nan_to_num(found.std_error)
+    index = [NAMES.index(name) for name in found.names]
+    value[index], error[index] = found.theta, np.nan_to_num(found.std_error)
     effort = found.result.effort
     predicted = predict(motions(effort.hold), found.pendubot.theta, effort.delay, scale).error[:ASSESSED]
     return value[:10], error[:10], predicted, found.result.model
 
 
 def timed(work):
-    """Return what it returns, its processor time and its time on the wall [s]."""
+    """Return the result of a function, its processor time and its wall time [s]."""
     cpu, wall = measure.cpu(), measure.wall()
     return work(), measure.cpu() - cpu, measure.wall() - wall
 
 
 def agree(a, b):
-    """Return how many of the parameters of two fits have 95 % intervals that meet, and of how many."""
+    """Return the number of parameters with overlapping 95 % intervals in two fits, and the number of parameters."""
     known = (a[1] > 0) & (b[1] > 0)
     near = np.abs(a[0] - b[0]) <= 1.96 * (a[1] + b[1])
     return f'{int((near & known).sum())} of {int(known.sum())}'
 
 
 def rows(rig, train, test, guess):
-    """Yield the two rows of a rig: who, errors, times, what is known of the intervals."""
+    """Yield the two rows of a rig: tool, model, errors, times, and figures of the intervals."""
     parts = [evenly_stamped(part) for part in test]
     smoothing = choose_smoothing(parts)
 
@@ -194,7 +194,7 @@ def rows(rig, train, test, guess):
 
 
 def rigs(use_test):
-    """Return by name what fits, what is predicted, and the rig that is guessed."""
+    """Return training recordings, recordings to predict and initial guess by rig."""
     found = {}
     for group, theta in PUBLISHED.items():
         train, guess = recorded(group, 'train'), pendubot.Pendubot(**dict(zip(TEN, theta, strict=True)))

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How well rigs are followed that change while they move, beside what else could follow them.
+"""Measures the tracking of rigs that change while they move, compared with other methods.
 
 python -m benchmarks.tracking                 the tables of docs/benchmarks.md, with a peer
-python -m benchmarks.tracking --others        rigs that are sampled and driven otherwise
+python -m benchmarks.tracking --others        rigs with other sampling and excitation
 """
 
 import argparse
@@ -30,7 +30,7 @@ RIGS = (
     *((200, 100_000, 0.35), (500, 2000, 0.35), (1000, 10_000, 0.35), (1000, 500, 0.35)),
 )
 PARTS = slice(0, 5), slice(5, 9)
-#: What happens at 300 s, or, if gradual, from 100 to 500 s.
+#: Changes at 300 s, or, if gradual, from 100 to 500 s.
 CHANGES = {
     'payload of 20 % of link 2': Day(payload=0.2, payload_at=AT),
     'payload of 2 %': Day(payload=0.02, payload_at=AT),
@@ -52,7 +52,7 @@ def batch(t, q, tau, until):
 
 
 def track(t, q, tau):
-    """Return all states and all events of one rig, each event with the time at which it was reported."""
+    """Return all states and all events of one rig, each event with the time of its report."""
     tracker, samples = Tracker(), np.column_stack([t, q, tau, 0 * t])
     states, events = [], []
     for k in range(0, len(t), 20):
@@ -65,37 +65,38 @@ def track(t, q, tau):
 
 
 def scores(times, theta, deviation, day, since):
-    """Return cells: the RMS errors [%] after a time, and the percentage of intervals that hold the truth, if known.
+    """Return cells: the RMS errors [%] after a time, and the percentage of intervals with the truth, if known.
 
     ``theta`` and ``deviation``: shape (M, 9) at the times, shape (M,).
     """
     late = times > since
     true = truth(day, times[late])
-    off = theta[late] - true
-    cells = [f'{np.sqrt(np.square(100 * off[:, p] / true[:, p]).mean()):.3g}' for p in PARTS]
+    error = theta[late] - true
+    cells = [f'{np.sqrt(np.square(100 * error[:, p] / true[:, p]).mean()):.3g}' for p in PARTS]
     if deviation is not None:
-        cells += [f'{100 * (np.abs(off[:, p]) < NORMAL_95 * deviation[late][:, p]).mean():.0f}' for p in PARTS]
+        reach = NORMAL_95 * deviation[late]
+        cells += [f'{100 * (np.abs(error[:, p]) < reach[:, p]).mean():.0f}' for p in PARTS]
     return cells
 
 
 def of_tracks(tracks, day, since):
-    """Return the cells of rigs that live the same day."""
+    """Return the cells of rigs with the same changes."""
     rows = [(s.t, s.theta, s.std_error) for states, _ in tracks for s in states]
     return scores(*map(np.array, zip(*rows, strict=True)), day, since)
 
 
 def constant(t, q, tau, tracks):
-    """Print the errors after 60 s over those of the batch fit of the same data."""
+    """Print the errors after 60 s, divided by the errors of the batch fit of the same data."""
     true = truth(Day(), [0.0])[0]
     at = [next(s for s in states if s.t > 59.5).theta for states, _ in tracks]
     of_batch = [batch(t, *each, 60.0) for each in zip(q, tau, strict=True)]
     rms, rms_batch = (np.sqrt(np.mean(np.square(np.array(each) / true - 1), axis=0)) for each in (at, of_batch))
     ratio = ' '.join(f'{x:.2f}' for x in rms / rms_batch)
-    print(f'constant: errors after 60 s over those of weak: {ratio}; then {", ".join(of_tracks(tracks, Day(), 60))}')
+    print(f'constant: errors after 60 s over the errors of weak: {ratio}; then {", ".join(of_tracks(tracks, Day(), 60))}')
 
 
 def beside(name, t, q, tau, tracks, day):
-    """Print errors after the first minute beside those of the peers."""
+    """Print the tracker's and the peers' errors after the first minute."""
     count, seconds = len(q), np.arange(1.0, SECONDS)
     minute = np.concatenate([np.tile(batch(t, q[k], tau[k], 60.0), (len(seconds), 1)) for k in range(count)])
     first = np.array([batch(t, q[k], tau[k], 10.0) for k in range(count)])
@@ -111,7 +112,7 @@ def beside(name, t, q, tau, tracks, day):
 
 
 def changed(name, tracks, day):
-    """Print how a change is found and named, what else was reported, and the errors from 10 s after it on."""
+    """Print detection and type of a change, other reports, and the errors from 10 s after it on."""
     at = min(day.payload_at, day.fades_at, day.fade_at, day.tilt_at, day.dead_zone_at)
     after, kinds, false, disturbances, right = [], [], 0, 0, 0
     for _, events in tracks:
@@ -129,7 +130,7 @@ def changed(name, tracks, day):
 
 
 def others(seeds):
-    """Print how well clean rigs that are sampled and driven otherwise are followed for 100 s: errors at the end."""
+    """Print the errors after 100 s of tracking of clean rigs with other sampling and excitation."""
     print(head('rate [Hz]', 'counts', 'torque [N m]', 'P1 to P5 [%]', 'friction [%]', 'inside', '', 'OK [%]'))
     for rate, counts, strength in RIGS:
         day = Day(strength=strength)
@@ -142,7 +143,7 @@ def others(seeds):
 
 
 def pushes(rng):
-    """Return pushes by hand every 12 s, either way and at either joint."""
+    """Return pushes by hand every 12 s, in either direction and at either joint."""
     return tuple(
         (
             at + rng.uniform(0, 5),
@@ -155,10 +156,10 @@ def pushes(rng):
 
 
 def main():
-    """Simulate, follow, print."""
+    """Simulate rigs, track them, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--seeds', type=int, default=3)
-    parser.add_argument('--others', action='store_true', help='rigs that are sampled and driven otherwise')
+    parser.add_argument('--others', action='store_true', help='rigs with other sampling and excitation')
     args = parser.parse_args()
     seeds = list(range(args.seeds))
     if args.others:

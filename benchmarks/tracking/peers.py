@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The peer of the tracker: an extended Kalman filter with theta as states, for all rigs side by side.
+"""The peer of the tracker: an extended Kalman filter with theta as states, for all rigs at once.
 
-It begins with the same first fit as the tracker, and knows its random walks.
+It starts from a fit of the first 10 s, with the tracker's random walks.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from test.simulated_rig import runge_kutta
 
 
 def kalman(t, q, tau, theta, *, walk, known=0.02, counts=4096, every=1.0, rate=200.0):
-    """Follow by an extended Kalman filter of q, q' and theta; return times, theta and deviations, (M, K, 9).
+    """Track K rigs by an extended Kalman filter of q, q' and theta; return times, theta and deviations, (M, K, 9).
 
-    ``theta``: with which it begins, shape (K, 9), known to this part of it; ``walk``: as the tracker's, a part of
-    theta in a second, shape (9,). Its Jacobian is by differences.
+    ``theta``: initial values, shape (K, 9), with the relative standard deviation ``known``; ``walk``: random walk as
+    the tracker's, relative to theta, in a second, shape (9,). Differences give the Jacobian.
     """
     size, h, scale = len(q), 1 / rate, np.abs(theta)
     x = np.concatenate([q[:, 0], np.zeros((size, 2)), np.ones((size, 9))], axis=1)

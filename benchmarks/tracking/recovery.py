@@ -1,13 +1,13 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a balancer does when its rig gets a payload, with what the tracker finds and without.
+"""Measures the recovery of a balancer after its rig gets a payload, with tracked and with old parameters.
 
     python -m benchmarks.tracking.recovery [--seeds 10]
 
-Simulated: the rig `balance` with encoders of 4000 counts, 200 Hz, 4 ms of motor delay and 2 N m. Ten seconds of pulses
-are identified; it is swung up, and held; then a payload is put on its end (with an impact of up to 0.3 rad/s at each
-joint). Two seconds later it is let fall, and after six more it is swung up again.
+The simulated rig is `balance` with encoders of 4000 counts, 200 Hz, 4 ms of motor delay and 2 N m. The tracker
+identifies it from pulses; the balancer swings it up and holds it. Then a payload is put on its end, with an impact of
+up to 0.3 rad/s at each joint. The motor is off from 2 s later on for 6 s; then the rig is swung up again.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from pendubot_identification.tracking.events import Change, Lost, Start
 from pendubot_identification.tracking.tracker import Tracker
 
 RATE, LAG, LIMIT = 200, 0.004, 2.0
-#: When it is first swung up, gets the payload, falls, is swung up again, and the end [s].
+#: Times of the first swing-up, the payload, motor off, the second swing-up, and the end [s].
 BEGIN, ON, FALL, AGAIN, END = 12.0, 24.0, 26.0, 32.0, 52.0
 COUNT = 2 * math.pi / 4000
 
@@ -73,8 +73,8 @@ def trial(payload, seed, *, tracked):
 
 def phase_margin(known, payload):
     """Return the phase margin [deg] of a balancer that is designed for theta on a rig with the payload."""
-    made = Design.make(Parameters.from_vector(known), Loop(1 / RATE, LAG, LIMIT))
-    return math.degrees(margins(made, BALANCE.carrying(payload)).phase)
+    design = Design.make(Parameters.from_vector(known), Loop(1 / RATE, LAG, LIMIT))
+    return math.degrees(margins(design, BALANCE.carrying(payload)).phase)
 
 
 def main():
@@ -87,10 +87,10 @@ def main():
             detected, again, phase = 0, [], []
             for seed in seeds:
                 when, rows, known = trial(payload, seed, tracked=tracked)
-                t, off = rows[:, 0], deviation(rows[:, 1:3])
+                t, error = rows[:, 0], deviation(rows[:, 1:3])
                 detected += math.isfinite(when)
                 phase.append(phase_margin(known, payload))
-                last = t[np.flatnonzero(off > HELD)[-1]]
+                last = t[np.flatnonzero(error > HELD)[-1]]
                 if t[-1] > END - 1 and last < END - 5:
                     again.append(last - AGAIN)
             found = (f'{each} of {len(seeds)}' for each in (detected, len(again)))
