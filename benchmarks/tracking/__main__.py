@@ -92,7 +92,7 @@ def constant(t, q, tau, tracks):
     of_batch = [batch(t, *each, 60.0) for each in zip(q, tau, strict=True)]
     rms, rms_batch = (np.sqrt(np.mean(np.square(np.array(each) / true - 1), axis=0)) for each in (at, of_batch))
     ratio = ' '.join(f'{x:.2f}' for x in rms / rms_batch)
-    print(f'constant: errors after 60 s over the errors of weak: {ratio}; then {", ".join(of_tracks(tracks, Day(), 60))}')
+    print(f'constant: errors after 60 s over errors of weak: {ratio}; then {", ".join(of_tracks(tracks, Day(), 60))}')
 
 
 def beside(name, t, q, tau, tracks, day):

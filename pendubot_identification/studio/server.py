@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The server of the studio, for browsers on this computer that know its token.
+"""The server of the studio, for browsers on this computer that have its token.
 
 A session is a private folder for the files that a page receives; it is deleted with the page or with the server.
 """
@@ -32,18 +32,18 @@ from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 
 ROOMS = Path(__file__).parent.parent
-#: The files of the page, by their addresses; the report's pages have the same colours and controls.
+#: The files of the page by address; base.css also gives the report's pages their colours and controls.
 PAGE = {name: ROOMS / 'studio' / (name or 'studio.html') for name in ('', 'studio.css', 'studio.js')}
 PAGE |= {'base.css': ROOMS / 'report' / 'base.css'}
-#: Largest size of all files of a session [bytes], most sessions at once, and the longest name of a file.
+#: Largest size of all files of a session [bytes], largest number of sessions, and longest name of a file [characters].
 LARGEST, SESSIONS, LONGEST_NAME = 2 << 30, 16, 200
 #: Longest line of a task [bytes].
 LINE = 1 << 24
 BOUNDS = Setting('bounds', '', 'search intervals, such as P1=0:0.5, or fixed values, such as b2=0', optional=True)
-#: The options of the page, without those of files of settings.
+#: The options of the page, without expert settings.
 SETTINGS = {s.name: s for s in (*OPTIONS, BOUNDS, APPLY_REMEDIES, *CONVERSION) if s not in EXPERT}
 NO_SPACE = 'free space on this disk, or start the studio with TMPDIR on another one'
-#: Nothing comes from a network. A page of a result may run its own scripts, but not call the studio.
+#: Pages load nothing from a network. The page of a result may run its own scripts, but not call the studio.
 POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; frame-src 'self'"
 OUTPUT_POLICY = (
     "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; script-src 'unsafe-inline'; "
@@ -58,9 +58,9 @@ class Session:
     """The files of one page.
 
     Attributes:
-        folder: private; received files are in ``files``, those of the result in ``output``.
-        recordings: their places by their names, absolute if given in the terminal, or else relative to ``files``.
-        size: of the files that were received [bytes].
+        folder: private folder, with received files in ``files`` and the files of the result in ``output``.
+        recordings: paths of recordings by name, absolute if given in the terminal, else relative to ``files``.
+        size: size of the received files [bytes].
     """
 
     folder: Path
@@ -68,20 +68,20 @@ class Session:
     size: int = 0
 
     def place(self, name: str) -> Path:
-        """Return where a received file is kept; a bag's folder may hold it.
+        """Return the path for a received file, which may be in a bag's folder.
 
         Raises:
-            PendubotError: the name is none of a file.
+            PendubotError: the name is invalid.
         """
         parts = name.split('/')
         sound = all(p.isprintable() and 0 < len(p) < LONGEST_NAME and p[0] not in '.-' and '\\' not in p for p in parts)
         if not sound or len(parts) > 2:
-            raise PendubotError(f'{name!r} is no name of a recording; rename the file, without a leading dot or hyphen')
+            raise PendubotError(f'{name!r} is no name of a recording; rename the file without a leading dot or hyphen')
         return self.folder / 'files' / name
 
 
 class Studio:
-    """The sessions, and the programs that do their tasks."""
+    """The sessions, and the programs for their tasks."""
 
     def __init__(self, given: dict[str, str], port: int, *, debug: bool) -> None:
         self.token = secrets.token_urlsafe(24)
@@ -120,16 +120,16 @@ class Studio:
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        """Refuse other hosts, which a rebound name would give, and requests without the token; explain errors."""
+        """Refuse other host names (DNS rebinding) and requests without the token; send errors as sentences."""
         token = request.path.split('/')[1]
         if request.host not in self._hosts or not secrets.compare_digest(token.encode(), self.token.encode()):
-            return web.Response(status=403, text='this address has no token of the studio; take that of its terminal')
+            return web.Response(status=403, text='this address has no token of the studio; copy it from the terminal')
         try:
             return await handler(request)
         except PendubotError as error:
             return web.Response(status=400, text=str(error))
         except OSError as error:
-            return web.Response(status=507, text=f'the file cannot be kept ({error.strerror}); {NO_SPACE}')
+            return web.Response(status=507, text=f'the file cannot be stored ({error.strerror}); {NO_SPACE}')
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
         return web.FileResponse(PAGE[request.path.rpartition('/')[2]])
@@ -158,7 +158,7 @@ class Studio:
         return session
 
     async def _receive(self, request: web.Request) -> web.Response:
-        """Receive a file, never more than the limit."""
+        """Receive a file, up to the size limit of the session."""
         session, name = self._session(request), request.match_info['name']
         place, recording = session.place(name), name.partition('/')[0]
         if recording in self._given:
@@ -170,7 +170,7 @@ class Studio:
                 async for block in request.content.iter_chunked(1 << 20):
                     size += len(block)
                     if session.size + size > LARGEST:
-                        raise PendubotError(f'{name}: all files are larger than {LARGEST >> 30} GB; give parts of them')
+                        raise PendubotError(f'{name}: all files exceed {LARGEST >> 30} GB; give parts of them')
                     file.write(block)
             partial.replace(place)
         finally:
@@ -180,7 +180,7 @@ class Studio:
         return web.json_response({'name': recording})
 
     async def _do(self, request: web.Request) -> web.StreamResponse:
-        """Do a task in a process of its own, which ends with the request."""
+        """Run a task in a separate process, which ends with the request."""
         session = self._session(request)
         task = {'task': request.match_info['task'], 'folder': str(session.folder), 'no_space': NO_SPACE}
         job = _job(session, await request.json()) | task
@@ -223,7 +223,7 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 
 async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> web.StreamResponse:
-    """Send each line of a program as it comes, and end it with the request; if its last one is missing, say so."""
+    """Send each line of a program at once, and end the program with the request; report a missing last line."""
     response = web.StreamResponse(headers={'Content-Type': 'application/x-ndjson'})
     line = b''
     assert process.stdout is not None
@@ -235,9 +235,9 @@ async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> w
     finally:
         await _ended(process)
     if not line.startswith((b'{"done"', b'{"problem"')):
-        why = f'signal {-status}, as for lack of memory' if status < 0 else f'status {status}'
-        said = f'the program of this task ended with {why}; give a shorter recording, or see pendubot studio --debug'
-        await response.write(json.dumps({'problem': {'sentence': said}}).encode() + b'\n')
+        end = f'signal {-status}, perhaps for lack of memory' if status < 0 else f'status {status}'
+        sentence = f'the program of this task ended with {end}; give a shorter recording, or see pendubot studio --debug'
+        await response.write(json.dumps({'problem': {'sentence': sentence}}).encode() + b'\n')
     return response
 
 
@@ -259,10 +259,10 @@ def _described(setting: Setting) -> dict[str, Any]:
 
 
 def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the job of a request, with the places of recordings.
+    """Return the job of a request, with the paths of recordings.
 
     Raises:
-        PendubotError: there is no such recording or option.
+        PendubotError: a recording or an option is unknown.
     """
 
     def window(given: Mapping[str, Any]) -> str:
@@ -281,10 +281,10 @@ def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def given_recordings(texts: Sequence[str]) -> dict[str, str]:
-    """Return the absolute places of recordings, by their names.
+    """Return the absolute paths of recordings by name.
 
     Raises:
-        PendubotError: there is none, or two have the same name.
+        PendubotError: a recording is missing, or two have the same name.
     """
     found: dict[str, str] = {}
     for text in texts:

@@ -1,6 +1,6 @@
 /* Copyright 2026 The pendubot_identification authors. SPDX-License-Identifier: Apache-2.0 */
-/* The page of the studio: `state` has all that is known, each step is drawn from it as HTML, and the elements name in
-   data-do and data-set what a click or a choice does. */
+/* The page of the studio: `state` has all data, each step is drawn from it as HTML, and the attributes data-do and
+   data-set of an element name the action of a click or a choice. */
 'use strict';
 const state = { step: 0, files: [], options: {}, shown: 0,
   open: {} };
@@ -34,7 +34,7 @@ function actions(ready, text = 'Continue', act = `go:${state.step + 1}`, ...kids
   return html`<div class="actions">${state.step > 0 && button(`go:${state.step - 1}`, 'Back')}${kids}
     ${text && button(act, text, 'primary', !ready)}</div>`;
 }
-/* A button that applies options, or a window; what it applies is kept until the next drawing. */
+/* A button that applies options, or a window; `state.offers` stores them until the next drawing. */
 const offer = (text, applied) => button(`apply:${state.offers.push(applied) - 1}`, text);
 const spelled = (options) => Object.entries(options).map(([name, value]) =>
   `--${name.replaceAll('_', '-')}${value === 'true' ? '' : ` ${value}`}`).join(' ');
@@ -58,7 +58,7 @@ function rig(q1, q2, box, ...kids) {  // q1 from the horizontal, q2 from the lin
     <path class="link" d="M0 0 L${x} ${y} L${u} ${v}"/><circle r="4"/><circle cx="${x}" cy="${y}" r="3.5"/>
     <circle class="tip" cx="${u}" cy="${v}" r="2.5"/></svg>`;
 }
-function angle(x, y, radius, zero, now) {  // a dashed line where it is zero, and an arc to where it is now
+function angle(x, y, radius, zero, now) {  // a dashed line at zero, and an arc to the present angle
   const at = (phi, r) => `${x + r * Math.cos(phi)} ${y - r * Math.sin(phi)}`;
   return html`<path class="dash" d="M${x} ${y} L${at(zero, radius + 10)}"/>
     <path class="arc" d="M${at(zero, radius)} A${radius} ${radius} 0 0 ${now > zero ? 0 : 1} ${at(now, radius)}"/>`;
@@ -71,7 +71,7 @@ function spark(values) {
     <polyline points="${points.join(' ')}"/></svg><small>${number(low, 3)} to ${number(high, 3)}</small>`;
 }
 
-/* ---- tasks: a request is answered by JSON lines; to abort it ends its program ---- */
+/* ---- tasks: the answer to a request is JSON lines; to abort the request ends its program ---- */
 const SILENT = { sentence: 'the studio does not answer; is it still running in its terminal?' };
 const at = (path) => `sessions/${about.session}/${path}`;
 async function follow(url, how, onEvent) {
@@ -93,18 +93,18 @@ function job(files = state.files) {
 function cancel() { running?.abort(); running = null; }
 async function task(name, files, onProgress) {
   cancel();
-  const own = running = new AbortController();
+  const control = running = new AbortController();
   let last = SILENT;
   try {
-    await follow(at(name), { method: 'POST', body: job(files), signal: own.signal }, (event) => {
+    await follow(at(name), { method: 'POST', body: job(files), signal: control.signal }, (event) => {
       last = event;
       if ('progress' in event) onProgress(event);
     });
-  } finally { if (running === own) running = null; }
+  } finally { if (running === control) running = null; }
   if (!('done' in last)) throw last.problem ?? SILENT;
   return last.done;
 }
-/* Does a task whose answer is not known yet, and draws the step again. */
+/* Runs a task, passes its answer on, and draws the step again. */
 async function need(name, files, take) {
   if (running) return;
   try { take(await task(name, files)); } catch (error) { if (error.name === 'AbortError') return; take(null, error); }
@@ -112,18 +112,18 @@ async function need(name, files, take) {
 }
 
 /* ---- options ---- */
-const usual = (name) => String(about.settings[name].default);
-const given = (name) => state.options[name] ?? (state.described ?? state.before)?.options[name] ?? usual(name);
-/* Forgets what depends on a choice; what was read before is drawn until it is read again. */
-function changed(what = 'reading') {
+const standard = (name) => String(about.settings[name].default);
+const given = (name) => state.options[name] ?? (state.described ?? state.before)?.options[name] ?? standard(name);
+/* Deletes all results that depend on a choice; the page shows the last description until the next one. */
+function changed(part = 'reading') {
   cancel();
-  if (what === 'reading') state.described = null;
-  if (what !== 'fit') state.checks = null;
+  if (part === 'reading') state.described = null;
+  if (part !== 'fit') state.checks = null;
   state.result = state.refused = null;
   draw();
 }
 function choose(name, value) {
-  if (value === '' || value === usual(name)) delete state.options[name]; else state.options[name] = value;
+  if (value === '' || value === standard(name)) delete state.options[name]; else state.options[name] = value;
   changed(about.settings[name].reading ? 'reading' : 'fit');
 }
 function field(name) {
@@ -134,7 +134,7 @@ function field(name) {
     ${button('pick:start', value || 'Choose a result file')}`;
   const control = file || (choices.length ? select(set, label, value, choices.map((each) => [each, each]))
     : html`<input type="${type}" step="any" aria-label="${label}" data-set="${set}"
-      value="${optional && value === usual(name) ? '' : value}">`);
+      value="${optional && value === standard(name) ? '' : value}">`);
   return html`<label class="field">${kind === 'bool' ? html`<span class="row">
     <input type="checkbox" data-set="${set}" ${value === 'true' && 'checked'}>${label}</span>`
     : html`<span>${label}</span>${control}`}<small>${help}</small></label>`;
@@ -149,8 +149,8 @@ const choices = (name, legend, list) => html`<fieldset class="choices"><legend>$
 function add(name) {
   if (state.files.every((file) => file.name !== name)) state.files.push({ name, role: 'estimate', start: '', end: '' });
 }
-/* Sends files, and does something with the name of each. */
-async function receive(entries, take = add, what = 'reading') {
+/* Sends files, and calls `take` with the name of each. */
+async function receive(entries, take = add, part = 'reading') {
   state.problem = null;
   for (const { file, name } of entries) {
     const path = name.split('/').map(encodeURIComponent).join('/');
@@ -158,9 +158,9 @@ async function receive(entries, take = add, what = 'reading') {
     if (answer?.ok) take((await answer.json()).name);
     else state.problem = answer ? { sentence: await answer.text() } : SILENT;
   }
-  changed(what);
+  changed(part);
 }
-/* All files of what was dropped, with those of its folders. */
+/* Returns the files of a dropped entry and of its folders. */
 async function unfold(entry) {
   if (entry instanceof File) return [{ file: entry, name: entry.name }];
   const name = entry.fullPath.slice(1), all = [];
@@ -241,10 +241,10 @@ function columns() {
   const table = shown?.columns.length > 0, names = table ? Object.keys(ROWS) : ['q1', 'q2', 'tau1'];
   const rows = names.filter((name) => name in NEEDED || shown?.taken[name] || state.all).map((name) => shown &&
     row(shown, name));
-  const head = ['Quantity', ...(table ? ['Column'] : []), 'Unit', 'Sign', 'As it is taken, in rad and N m'];
+  const head = ['Quantity', ...(table ? ['Column'] : []), 'Unit', 'Sign', 'Converted to rad and N m'];
   const rest = ['torque_constant', 'gear', 'unwrap', 'swap', 'offset', 'skip_missing',
     ...(shown?.topics.length ? [] : ['decimal', 'skip_rows', 'sheet', 'encoding'])];
-  const lead = 'Check that each quantity is the right column, in the right unit and sense. Recordings are read alike.';
+  const lead = 'Check the column, unit and sign of each quantity. They are the same for all recordings.';
   return html`${heading('How is it written?', lead)}
     ${state.files.length > 1 && html`<div class="tabs">${state.files.map((file, k) =>
       html`<button type="button" data-do="show:${k}" aria-pressed="${k === state.shown}">
@@ -277,7 +277,7 @@ function checks() {
     role="img" aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div>
     <p>${sentence}</p>${Object.keys(remedy).length > 0 && offer(`Apply ${spelled(remedy)}`,
       { remedy, whole: check === 'conventions' })}</div></li>`);
-  return html`${heading('Is it good enough?', 'Everything that can be checked before a fit.')}
+  return html`${heading('Is it good enough?', 'All checks before a fit.')}
     ${state.checks ? html`<ul class="checks">${list}</ul>`
       : busy('checking stamps, gaps, limits, conventions and excitation')}
     ${state.checks && state.command && more('The same in a shell', command(state.command))}
@@ -285,10 +285,10 @@ function checks() {
 }
 
 /* ---- 4: method ---- */
-const CRITERIA = [['likelihood', 'Likelihood', 'the best parameters; seconds to a minute'],
-  ['weak', 'Weak form', 'nearly as good, at once'],
+const CRITERIA = [['likelihood', 'Likelihood', 'the most accurate; seconds to a minute'],
+  ['weak', 'Weak form', 'nearly as accurate; at once'],
   ['energy', 'Energy', 'the paper’s, by differential evolution']];
-const MODELS = [['auto', 'Auto', 'the smallest that is exact, or else the largest'],
+const MODELS = [['auto', 'Auto', 'the smallest whose residual is at the quantization level, or else the largest'],
   ['viscous', 'Viscous', 'the paper’s seven parameters'],
   ['coulomb', 'Coulomb', 'and dry friction'], ['rotor', 'Rotor', 'and a rotor at the elbow'],
   ['geared', 'Geared', 'and friction of gears']];
@@ -324,9 +324,9 @@ function progress() {
     <ul class="stages">${stages.slice(-6).map((stage) => html`<li>${stage}</li>`)}</ul>`;
 }
 function fitting() {
-  if (state.fitting) return html`${heading('Fitting', 'This page shows the result as soon as it is there.')}
+  if (state.fitting) return html`${heading('Fitting', 'This page shows the result as soon as it is ready.')}
     <div class="card" id="fitting">${progress()}</div><div class="actions">${button('stop', 'Stop')}</div>`;
-  return html`${heading('Ready', 'The fit runs in a program of its own. It can be stopped at any time.')}
+  return html`${heading('Ready', 'The fit runs in a separate program. It can be stopped at any time.')}
     ${state.refused && (state.refused.sentence ? refusal(state.refused) : note('WARN', 'Stopped. Nothing was kept.'))}
     ${actions(passed(), state.result ? 'Fit again' : 'Start', 'start')}`;
 }
@@ -335,19 +335,19 @@ function fitting() {
 const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendubot.xml': 'MuJoCo',
   'pendubot.urdf': 'RViz, Gazebo, Drake', 'pendubot.yaml': 'a ROS node', 'pendubot.m': 'MATLAB', 'pendubot.h': 'C',
   'pendubot.py': 'Python' };
-const SAID = { WARN: 'Use them with care: the page says why.', ERROR: 'Do not use them: the page says why.' };
+const SAID = { WARN: 'Use them with care: the page gives the reasons.', ERROR: 'Do not use them: the page gives the reasons.' };
 function result() {
   const { level, files, missing } = state.result, page = at('output/report.html');
-  const made = state.result.command.replace('START.yaml', state.options.start);
+  const shell = state.result.command.replace('START.yaml', state.options.start);
   const links = Object.keys(FILES).filter((name) => files.includes(name)).map((name) =>
     html`<a class="button" href="${at(`output/${name}`)}" download="${name}">${name}<small>${FILES[name]}</small></a>`);
   return html`<h2>The parameters of the rig</h2>${SAID[level] && note(level, SAID[level])}
     <iframe src="${page}" title="page of the result" sandbox="allow-scripts allow-downloads allow-modals"></iframe>
     <p><a href="${page}" target="_blank" rel="noopener">Open the page in its own tab</a></p>
-    <h3>Take it along</h3><div class="take">${links}</div>
+    <h3>Files</h3><div class="take">${links}</div>
     ${Object.entries(missing).map(([name, sentence]) => html`<p><small>${name}: ${sentence}</small></p>`)}
     <h3>The same in a terminal</h3>
-    ${command(`${made} --report report\npendubot export report/result.yaml --output pendubot.urdf`)}
+    ${command(`${shell} --report report\npendubot export report/result.yaml --output pendubot.urdf`)}
     ${actions(true, 'Another recording', 'again')}`;
 }
 
@@ -363,7 +363,7 @@ function watched({ q, effort = 0, rate, parameters, level, message }) {
     <td>${half == null ? '–' : `± ${number(half, 2)}`}</td><td class="text">${(measure ?? '').replace('^2', '²')}</td>
     <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}"
       aria-label="± of ${name}"></meter>`}</td></tr>`);
-  return html`${heading('The running rig', q ? 'As it is published now. This page only listens.'
+  return html`${heading('The running rig', q ? 'This page shows the published data and sends nothing.'
     : 'No joint states are published. Start the bridge.')}
     ${level ? note(level, html`<strong>${level}</strong> ${message}`) : message && note('ERROR', message)}
     <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
@@ -387,7 +387,7 @@ async function watch() {
 
 /* ---- the frame ---- */
 const estimating = () => state.files.some((file) => file.role === 'estimate');
-/* Each step: its name, what draws it, and whether it can be gone to. */
+/* Each step: its name, the function that draws it, and whether it is available. */
 const STEPS = [['Recordings', recordings, () => true], ['Columns', columns, estimating],
   ['Checks', checks, () => state.checks || (state.described && !state.described.problem)],
   ['Method', method, passed], ['Fit', fitting, passed], ['Result', result, () => state.result]];
@@ -395,7 +395,7 @@ function go(k) { if (!state.fitting) cancel(); state.step = k; draw(); scrollTo(
   $('#step').focus({ preventScroll: true }); }
 function draw() {
   clearTimeout(waiting);
-  // What is pressed must still be there when it is released.
+  // A pressed element must still exist when it is released.
   if ($(':is(button, label, select, summary):active')) { waiting = setTimeout(draw, 50); return; }
   const { set, do: act } = document.activeElement?.dataset ?? {};
   state.offers = [];
@@ -432,7 +432,7 @@ const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: 
   all: () => { state.all = true; draw(); }, apply: (k) => apply(state.offers[k]),
   copy: (_, own) => navigator.clipboard.writeText(own.previousElementSibling.innerText)
     .then(() => { own.textContent = 'Copied'; }) };
-const edit = (key, what) => (k, value) => { state.files[k][key] = value; changed(what); };
+const edit = (key, part) => (k, value) => { state.files[k][key] = value; changed(part); };
 const SETS = { option: choose,
   joint: (k, value) => {
     const both = given('joints').split(',');
@@ -451,8 +451,8 @@ function listen() {
     if (act) ACTS[act](value, found);
   });
   addEventListener('change', ({ target }) => {
-    const [what, name] = target.dataset.set?.split(':') ?? [];
-    if (what) SETS[what](name, target.type === 'checkbox' ? String(target.checked) : target.value.trim());
+    const [kind, name] = target.dataset.set?.split(':') ?? [];
+    if (kind) SETS[kind](name, target.type === 'checkbox' ? String(target.checked) : target.value.trim());
     else if (target.files) receive([...target.files].map((file) =>
       ({ file, name: file.webkitRelativePath || file.name })), ...(target.id === 'start' ? [use, 'fit'] : []));
   });

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One task of the studio in a process of its own: a job as JSON on stdin, events as JSON lines on stdout.
+"""Runs one task of the studio in a separate process: a job as JSON on stdin, events as JSON lines on stdout.
 
 The last event has ``done``, or ``problem``: a sentence, and the options that correct it.
 """
@@ -21,19 +21,19 @@ from pendubot_identification.errors import PendubotError, ResultError, sentence
 from pendubot_identification.setting import flag
 from pendubot_identification.trajectories.conventions import CONVERSION
 
-#: Points of a preview.
+#: Smallest number of points of the preview of a longer motion.
 POINTS = 300
 #: Shortest time between two reports of progress [s].
 INTERVAL = 0.1
 #: The files for other programs.
 EXPORTS = [f'pendubot.{suffix}' for suffix in ('xml', 'urdf', 'yaml', 'm', 'h', 'py')]
-#: The options by which a recording is read.
+#: The options for reading a recording.
 READING = {'joint_names', *(setting.name for setting in CONVERSION)}
-Say = Callable[[Mapping[str, Any]], None]
+Emit = Callable[[Mapping[str, Any]], None]
 
 
-def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
-    """Return how a recording is read."""
+def describe(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
+    """Return the columns, topics, joints, options and preview of a recording."""
     options = {name: value for name, value in _options(job).items() if name in READING}
     found = api.describe(job['bags'][0], **options)
     shown = {name: getattr(found, name) for name in ('columns', 'taken', 'topics', 'joints', 'options')}
@@ -46,7 +46,7 @@ def describe(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     return shown
 
 
-def check(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
+def check(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
     """Return the findings of the checks, and the command that repeats them."""
     found = api.check(*job['bags'], validate=job['validate'], **_options(job))
     words = ['pendubot', 'identify', '--check', *job['bags']]
@@ -57,25 +57,25 @@ def check(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
     return {'findings': [finding.plain() for finding in found], 'command': shlex.join(words)}
 
 
-def identify(job: Mapping[str, Any], say: Say) -> dict[str, Any]:
+def identify(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
     """Identify, and write the page, the result and files for other programs into the folder ``output``."""
     last, step = 0.0, ''
 
-    def progress(what: str, done: int, of: int, best: float) -> None:
+    def progress(activity: str, done: int, of: int, best: float) -> None:
         nonlocal last, step
-        if what != step or time.monotonic() - last >= INTERVAL:
-            last, step = time.monotonic(), what
-            say({'progress': what, 'done': done, 'of': of, 'best': best if best == best else None})
+        if activity != step or time.monotonic() - last >= INTERVAL:
+            last, step = time.monotonic(), activity
+            emit({'progress': activity, 'done': done, 'of': of, 'best': best if best == best else None})
 
     bounds = dict(pair.partition('=')[::2] for pair in job['options'].get('bounds', '').split(',') if pair)
     found = api.identify(*job['bags'], validate=job['validate'], bounds=bounds, progress=progress, **_options(job))
-    say({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
+    emit({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
     folder = Path(job['folder']) / 'output'
     try:
         found.report(folder, overwrite=True)
     except ResultError as error:
         why = getattr(error.__cause__, 'strerror', error)
-        raise PendubotError(f'the result cannot be kept ({why}); {job["no_space"]}') from error
+        raise PendubotError(f'the result cannot be stored ({why}); {job["no_space"]}') from error
     missing = {}
     for name in EXPORTS:
         try:
@@ -98,12 +98,12 @@ def _problem(error: Exception) -> dict[str, Any]:
 
 def main() -> int:
     """Do the job on stdin; return the exit status."""
-    # A file that unpacks to more than fits is refused with a sentence, and the computer stays usable.
+    # A file that unpacks to more than the memory gives an error message, and the computer stays usable.
     limit = max(4 << 30, os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') // 2)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     events, sys.stdout = sys.stdout, sys.stderr
 
-    def say(event: Mapping[str, Any]) -> None:
+    def emit(event: Mapping[str, Any]) -> None:
         print(json.dumps(event), file=events, flush=True)
 
     tasks: dict[str, Callable[..., Any]] = {'describe': describe, 'check': check, 'identify': identify}
@@ -112,9 +112,9 @@ def main() -> int:
     job = json.loads(text)
     try:
         os.chdir(Path(job['folder']) / 'files')
-        say({'done': tasks[job['task']](job, say)})
+        emit({'done': tasks[job['task']](job, emit)})
     except Exception as error:
-        say({'problem': _problem(error)})
+        emit({'problem': _problem(error)})
         return 1
     return 0
 
