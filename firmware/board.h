@@ -15,28 +15,28 @@ extern "C" {
 /* Returns the board's constants and limits. */
 const struct pendubot_settings *board_settings(void);
 
-/* Returns another number at every boot. An ARM that was made before a restart must not fit after it. */
+/* Returns another number at every boot, so that an ARM from before a restart is invalid after it. */
 uint32_t board_boot_id(void);
 
-/* Returns why the board booted, and the processor fault before, if there was one. */
+/* Returns the cause of the boot, and the processor fault before it, if there was one. */
 struct pendubot_reset board_reset(void);
 
 /* Returns the time of this sample in microseconds: a clock that begins at 0 and wraps at 2^32. */
 uint32_t board_micros(void);
 
-/* Reads the encoders first, because the time of the sample is theirs; then current, supply and faults. */
+/* Reads the encoders first, because the sample's time is for them; then current, supply and faults. */
 void board_read(struct pendubot_reading *reading);
 
-/* Lets the motor give a torque [micro-N m] until the next call; 0 takes all voltage from it. */
+/* Sets the motor's torque [micro-N m] until the next call; 0 removes all voltage from it. */
 void board_torque(int32_t torque);
 
-/* Fills `data` with what the host has sent, at most `room` bytes, and returns how many; it never waits. */
+/* Fills `data` with at most `room` received bytes, and returns their number; it never waits. */
 size_t board_receive(uint8_t *data, size_t room);
 
-/* Returns how many bytes board_send takes without waiting. */
+/* Returns the number of bytes that board_send takes without waiting. */
 size_t board_room(void);
 
-/* Sends; returns whether all of it went out. */
+/* Sends bytes; returns whether all were sent. */
 bool board_send(const uint8_t *data, size_t size);
 
 /* firmware.c supplies these. */
@@ -44,10 +44,10 @@ bool board_send(const uint8_t *data, size_t size);
 /* The board's link. A port may read it. */
 extern struct pendubot_link firmware_link;
 
-/* Begins with the motor off. Call it once, before the first sample. */
+/* Starts with the motor off. Call it once, before the first sample. */
 void firmware_boot(void);
 
-/* Takes a sample. Call it every sample period, from one interrupt or one thread alone. */
+/* Takes a sample. Call it every sample period, from a single interrupt or thread. */
 void firmware_sample(void);
 
 #ifdef __cplusplus

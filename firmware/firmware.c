@@ -3,7 +3,7 @@
 /* The steps of a sample, the same in every port. */
 #include "board.h"
 
-/* Largest number of bytes received or sent at a sample: more than a line of 921600 bit/s carries in 1 ms. */
+/* Largest number of bytes received or sent per sample: more than a line of 921600 bit/s carries in 1 ms. */
 enum { ROOM = 256 };
 
 struct pendubot_link firmware_link;

@@ -25,7 +25,7 @@ static uint8_t *put32(uint8_t *at, uint32_t value)
 
 static uint16_t get16(const uint8_t *at)
 {
-    /* Where an int has 16 bits, one that is shifted this far would overflow. */
+    /* A 16-bit int would overflow in this shift. */
     return (uint16_t)(at[0] | (uint16_t)at[1] << 8);
 }
 
@@ -52,10 +52,10 @@ static uint32_t crc32(const uint8_t *data, size_t size)
     return ~crc;
 }
 
-/* Writes the frame of a body that has room for its CRC behind it, and returns its size.
+/* Writes the frame of a body, which must have room for its CRC behind it, and returns the frame's size.
  *
- * Every zero of the content becomes a code byte that says how far the next one is; the first code byte stands before
- * the content, the last one leads to the delimiter. That is all there is to COBS in less than 254 bytes.
+ * COBS replaces every zero of the content by a code byte with the distance to the next one. The first code byte
+ * precedes the content, the last one points to the delimiter. This is complete for less than 254 bytes.
  */
 static size_t write_frame(uint8_t *out, uint8_t *body, size_t size)
 {
@@ -75,7 +75,7 @@ static size_t write_frame(uint8_t *out, uint8_t *body, size_t size)
     return at + 1;
 }
 
-/* Undoes COBS in place, leaving the content from frame[1] on; returns whether the code bytes lead to the end. */
+/* Decodes COBS in place, with the content from frame[1] on; returns whether the code bytes lead to the end. */
 static bool undo_cobs(uint8_t *frame, size_t size)
 {
     size_t at = 0;
@@ -159,13 +159,13 @@ enum pendubot_event pendubot_decode(struct pendubot_decoder *decoder, uint8_t by
 /* 2 pi, in 1e-9. */
 #define TAU_NANO UINT64_C(6283185307)
 
-/* A wrong count looks fast at two samples: when it comes and when it goes. */
+/* A single wrong count makes two fast samples: at its start and at its end. */
 enum { FAST_SAMPLES = 3 };
 
-/* The shoulder stands still while it is within so many counts of where it was. */
+/* Largest change of counts of a shoulder at rest. */
 enum { STILL_COUNTS = 2 };
 
-/* Returns a product, or UINT64_MAX where it is larger. */
+/* Returns a product, or UINT64_MAX if it is larger. */
 static uint64_t product(uint64_t a, uint32_t b)
 {
     uint64_t high = (a >> 32) * b + ((a & UINT32_MAX) * b >> 32);
@@ -182,7 +182,7 @@ static uint32_t distance(int32_t a, int32_t b)
     return a < b ? (uint32_t)b - (uint32_t)a : (uint32_t)a - (uint32_t)b;
 }
 
-/* Returns an angle [mrad] in whole counts, or UINT32_MAX, which no count exceeds, where there is no limit. */
+/* Returns an angle [mrad] in whole counts, or UINT32_MAX, which no count exceeds, if there is no limit. */
 static uint32_t counts_of(uint32_t mrad, uint32_t counts_per_turn)
 {
     uint64_t counts = product((uint64_t)mrad * counts_per_turn, 1000000) / TAU_NANO;
@@ -200,7 +200,7 @@ static void begin_monitor(struct pendubot_monitor *monitor, const struct pendubo
     monitor->hottest = INT64_C(3000) * limits->continuous_ma * limits->continuous_ma * limits->overload_ms;
 }
 
-/* Returns whether the shoulder has stood still for too long under the torque that was applied until now. */
+/* Returns whether the shoulder has been at rest for too long under the applied torque. */
 static bool stalls(struct pendubot_link *link, int32_t counts, uint32_t elapsed_us)
 {
     struct pendubot_monitor *monitor = &link->monitor;
@@ -228,7 +228,7 @@ static bool overloaded(struct pendubot_link *link, int32_t current_ma, uint32_t 
     return monitor->hottest != 0 && monitor->heat == monitor->hottest;
 }
 
-/* Returns the faults of the limits that are exceeded at a sample. */
+/* Returns the fault bits of the limits exceeded at a sample. */
 static uint32_t check(struct pendubot_link *link, const struct pendubot_reading *reading, uint32_t elapsed_us)
 {
     const struct pendubot_limits *limits = &link->settings.limits;
@@ -276,7 +276,7 @@ void pendubot_boot(struct pendubot_link *link, const struct pendubot_settings *s
     link->step = settings->limits.torque_slew == 0 || step > UINT32_MAX ? UINT32_MAX : (uint32_t)step;
 }
 
-/* Returns the faults that last: those that are there now, and an emergency stop since the boot. */
+/* Returns the present faults, and an emergency stop since the boot. */
 static uint32_t lasting(struct pendubot_link *link, uint32_t faults)
 {
     if (faults & PENDUBOT_EMERGENCY_STOP) {
@@ -285,7 +285,7 @@ static uint32_t lasting(struct pendubot_link *link, uint32_t faults)
     return (faults & PENDUBOT_FAULTS) | link->exceeded | (link->stopped ? PENDUBOT_EMERGENCY_STOP : 0);
 }
 
-/* Switches off. An ARM that was made before no longer fits. */
+/* Switches the motor off, and invalidates earlier ARMs by a new lock number. */
 static void disarm(struct pendubot_link *link, uint32_t reason)
 {
     link->latched |= reason;
@@ -330,7 +330,7 @@ static void obey(struct pendubot_link *link, uint32_t now_us, uint32_t faults, c
 static void arm(struct pendubot_link *link, uint32_t now_us, uint32_t faults, const struct pendubot_request *request)
 {
     if (link->armed && request->session == link->session) {
-        return; /* the same request once more */
+        return; /* a repeated request */
     }
     bool fits = request->boot_id == link->boot_id && request->lock == link->lock && request->session != 0;
     if (!fits || link->armed || faults) {
@@ -414,11 +414,11 @@ static int32_t clamped(int32_t value, int64_t low, int64_t high)
     return (int32_t)(value < low ? low : value > high ? high : value);
 }
 
-/* Decides about the motor from the lasting faults and the time; sets `applied` and `status`. */
+/* Decides about the motor from the faults and the time; sets `applied` and `status`. */
 static void decide(struct pendubot_link *link, uint32_t now_us, uint32_t faults, uint32_t elapsed_us)
 {
     if (link->armed && faults) {
-        /* Latched, or a fault that comes and goes would leave the motor on in between. */
+        /* Latched, so that an intermittent fault does not leave the motor on in between. */
         disarm(link, faults);
     } else if (link->armed && (int32_t)(now_us - link->holds_until_us) >= 0) {
         /* The difference, because the clock wraps. */
@@ -451,7 +451,7 @@ size_t pendubot_sample(struct pendubot_link *link, uint32_t now_us, const struct
 
     size_t size = 0;
     if (link->fresh && room > 0) {
-        /* A delimiter, or the frame that the restart cut short would spoil the first one. */
+        /* A delimiter ends the frame that the restart truncated; the first frame would be lost with it. */
         link->fresh = false;
         out[size++] = 0;
     }

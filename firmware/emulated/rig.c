@@ -1,9 +1,9 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* In the place of stm32f4/rig.c: the encoders and the motor are a simulated pendubot, for QEMU, which has neither.
+/* Replaces stm32f4/rig.c: a simulated pendubot instead of encoders and motor, for QEMU, which has neither.
  *
- * All else is the program of a rig: interrupts, USART, rings, watchdog, the bridge's registers. QEMU has no clocks to
- * be started, and takes what is written to TIM1 and the IWDG without doing anything.
+ * All other files are the program of a rig: interrupts, USART, rings, watchdog, the bridge's registers. QEMU has no
+ * clocks to start, and ignores writes to TIM1 and the IWDG.
  */
 #include "port.h"
 #include "registers.h"
@@ -24,7 +24,7 @@ static const struct pendubot_settings settings = {
 
 enum { VBUS_10MV = 2400, MICRO_NM_PER_MA = MICRO_NM_PER_A / 1000 };
 
-/* The last word of the RAM, where whoever starts QEMU may put a number. */
+/* The last word of the RAM, which the test of QEMU may set to a number. */
 #define SEED (*(volatile uint32_t *)0x2001fffcu)
 
 static struct plant plant;

@@ -1,9 +1,9 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* A board that is a Linux program: the firmware on a pseudo-terminal, with a simulated pendubot behind it.
+/* A board as a Linux program: the firmware on a pseudo-terminal, with a simulated pendubot.
  *
- * It takes the same options as the package's virtual_board, as far as the usage below names them, writes the same
- * trace, and SIGUSR1 and SIGUSR2 pull the cable and put it back.
+ * It takes the options in the usage below, with the same meaning as in the package's virtual_board, and writes the same
+ * trace. SIGUSR1 disconnects the cable and SIGUSR2 connects it again.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -36,7 +36,7 @@ static const char usage[] =
     "limits, in the units of HELLO, 0 for none: torque_slew, max_speed, max_travel1, max_travel2, stall_torque, stall_ms,\n"
     "continuous_ma, overload_ms, max_vbus\n";
 
-/* Micro-N m: twice the gravity torque (P4 + P5) g of the paper's rig, and 1.5 times that of plant_to_balance. */
+/* Micro-N m: twice the gravity torque (P4 + P5) g of the paper's rig, and 1.5 times (P4 + P5) g of plant_to_balance. */
 enum { STALL_TORQUE = 500000, STALL_TORQUE_TO_BALANCE = 1920000 };
 
 static struct pendubot_settings settings = {
@@ -55,18 +55,18 @@ static double bit_flip, duplicate_frame, glitch, reset_at = INFINITY, stuck_at =
 static struct plant plant;
 static const char *link_path;
 static FILE *trace;
-static uint64_t elapsed_us, booted_us; /* since the start, and then */
+static uint64_t elapsed_us, booted_us; /* time since the start, and its value at the last boot */
 static int32_t origin[2], counts[2], torque_now;
 static bool stuck; /* the shoulder's encoder stands still */
 static uint8_t cause = 1;
 static char slave_path[64];
 static int master = -1;
-static bool cut; /* the last frame was not sent to its end */
+static bool cut; /* the last frame was truncated */
 static volatile sig_atomic_t stopped, plugged_in = 1;
 
-static void fail(const char *what)
+static void fail(const char *subject)
 {
-    fprintf(stderr, "pendubot_board: %s: %s\n", what, strerror(errno));
+    fprintf(stderr, "pendubot_board: %s: %s\n", subject, strerror(errno));
     exit(1);
 }
 
@@ -99,7 +99,7 @@ static void plug(void)
         fail("no pseudo-terminal");
     }
     if (strcmp(former, slave_path) == 0) {
-        /* A device that returns has another path: take the next. */
+        /* A reconnected device gets another path: take the next. */
         int taken[2] = { master, slave };
         if (openpty(&master, &slave, slave_path, NULL, NULL) != 0) {
             fail("no pseudo-terminal");
@@ -110,7 +110,7 @@ static void plug(void)
     tcgetattr(slave, &raw);
     cfmakeraw(&raw);
     tcsetattr(slave, TCSANOW, &raw);
-    /* Closed here, so that the kernel shows whether a host is there, and keeps nothing while none is. */
+    /* Closed here, so that the kernel shows whether a host is connected, and buffers nothing without one. */
     close(slave);
     fcntl(master, F_SETFL, O_NONBLOCK);
     cut = false;
@@ -144,7 +144,7 @@ static bool host_is_there(void)
 
 static bool write_whole(const uint8_t *data, size_t size)
 {
-    /* After a frame that was cut short a delimiter ends it: else the next one would be lost with it. */
+    /* A delimiter ends a truncated frame: else the next one would be lost with it. */
     if (cut && write(master, "", 1) != 1) {
         return false;
     }
@@ -153,7 +153,7 @@ static bool write_whole(const uint8_t *data, size_t size)
     return sent == (ssize_t)size;
 }
 
-/* What board.h asks for */
+/* The functions of board.h */
 
 const struct pendubot_settings *board_settings(void)
 {
@@ -197,7 +197,7 @@ void board_torque(int32_t torque)
 
 size_t board_receive(uint8_t *data, size_t room)
 {
-    /* Where a host left, reading fails once what it sent before has been read. */
+    /* After a host has closed the port, reading fails when no more bytes are buffered. */
     ssize_t size = master >= 0 ? read(master, data, room) : -1;
     return size > 0 ? (size_t)size : 0;
 }
@@ -212,7 +212,7 @@ bool board_send(const uint8_t *data, size_t size)
     uint8_t bytes[600];
     memcpy(bytes, data, size);
     if (trace != NULL) {
-        /* Before it is sent, so that the trace holds every sample that a host has. */
+        /* Written before sending, so that the trace contains every sample that a host has. */
         const uint32_t status = firmware_link.status;
         fprintf(trace, "%u,%d,%d,%d,%u\n", board_micros(), counts[0], counts[1], torque_now, status);
         fflush(trace);
@@ -376,7 +376,7 @@ int main(int argc, char **argv)
             printf("cable in at %lld ns\n", (long long)now_ns(CLOCK_REALTIME));
         }
         firmware_sample();
-        /* Only now: what it takes to compute the motion delays no sample. */
+        /* After the sample, so that computing the motion does not delay it. */
         plant_advance(&plant, torque_now * MICRO, settings.sample_period_us * MICRO);
         elapsed_us += settings.sample_period_us;
         due += settings.sample_period_us * INT64_C(1000);

@@ -17,7 +17,7 @@ struct state {
     double q1, q2, v1, v2;
 };
 
-/* Returns how fast a state changes: M(q) q'' + V(q, q') q' + G(q) = tau - b q', with the inverse of M written out. */
+/* Returns the derivative of a state: M(q) q'' + V(q, q') q' + G(q) = tau - b q', with the inverse of M written out. */
 static struct state rate(const struct plant *p, struct state x, double torque)
 {
     double c2 = cos(x.q2), s2 = sin(x.q2), g2 = p->P5 * GRAVITY * cos(x.q1 + x.q2);

@@ -1,7 +1,7 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* A simulated pendubot: what moves where there is no rig. The equations and steps of the package's model/simulation.py
- * with the seven parameters of the paper. */
+/* A simulated pendubot: the equations and steps of the package's model/simulation.py with the seven parameters of the
+ * paper. */
 #ifndef PLANT_H
 #define PLANT_H
 
@@ -15,7 +15,7 @@ struct plant {
 /* The paper's rig (Table 8), hanging at rest. */
 extern const struct plant plant_of_the_paper;
 
-/* One with the proportions of rigs that people balance. */
+/* A rig with typical proportions for balancing. */
 extern const struct plant plant_to_balance;
 
 /* Limits of a board with the paper's rig, the same as in the package's virtual board; stall torque: twice gravity's. */
@@ -25,7 +25,7 @@ extern const struct plant plant_to_balance;
         .stall_torque = 500000, .stall_ms = 500, .continuous_ma = 15000, .overload_ms = 2000, .max_vbus = 3000,       \
     }
 
-/* Moves on by a time [s] under a torque at the shoulder [N m], in Runge-Kutta steps of at most 1 ms. */
+/* Advances the motion by a time [s] under a torque at the shoulder [N m], in Runge-Kutta steps of at most 1 ms. */
 void plant_advance(struct plant *plant, double torque, double duration);
 
 /* Returns the encoder's counts of a joint, 0 when hanging. */

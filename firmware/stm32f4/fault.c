@@ -1,10 +1,10 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* A fault of the processor, or an interrupt that nobody expects: motor off, write it down, begin again disarmed. */
+/* A processor fault or an unexpected interrupt: motor off, record the fault, restart disarmed. */
 #include "port.h"
 #include "registers.h"
 
-/* It keeps its value while the processor resets; after power it is any number. */
+/* It keeps its value during a reset; after power-on it is undefined. */
 static struct {
     uint32_t exception, pc, check;
 } record __attribute__((section(".noinit")));
@@ -14,9 +14,9 @@ static uint32_t check_word(void)
     return record.exception * 0x9e3779b9u ^ record.pc ^ 0x70656e64u;
 }
 
-/* `frame`: where the processor has pushed its registers, if the stack was in the RAM. Fault_Handler in startup.c calls
- * this on an empty stack, because the fault may be that the stack has left the RAM. If even this does not run, the
- * independent watchdog resets. */
+/* `frame`: the registers that the processor pushed, if the stack was in the RAM. Fault_Handler in startup.c calls this
+ * on an empty stack, because a stack overflow may be the fault. If this function does not run, the independent watchdog
+ * resets. */
 void fault_begin_again(const uint32_t *frame, uint32_t exception)
 {
     motor_off();
@@ -29,7 +29,7 @@ void fault_begin_again(const uint32_t *frame, uint32_t exception)
     }
 }
 
-/* Returns why the board booted, and the last processor fault since power came. */
+/* Returns the cause of the boot, and the last processor fault since power-on. */
 struct pendubot_reset fault_log_read(uint8_t reset_cause)
 {
     struct pendubot_reset reset = { .cause = reset_cause };

@@ -1,11 +1,11 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* The STM32F4's program: two interrupts do everything; the main loop feeds the watchdog while samples still come. */
+/* The STM32F4's program: two interrupts do all work; the main loop feeds the watchdog while samples are taken. */
 #include "port.h"
 
 int main(void)
 {
-    /* First: a crystal that does not start, for example, makes a board that resets again and again, motor off. */
+    /* First, so that a board with a failed crystal, for example, resets repeatedly with the motor off. */
     watchdog_start();
     rig_start();
     motor_start();

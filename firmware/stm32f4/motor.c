@@ -37,7 +37,7 @@ void motor_torque(int32_t torque, uint32_t vbus_10mv)
     int64_t duty = (millivolt < 0 ? -millivolt : millivolt) * PWM_STEPS / (10 * (int64_t)vbus_10mv);
     set_direction(PIN_DIRECTION, positive);
     TIM1->CCR1 = duty < DUTY_MAX ? (uint32_t)duty : DUTY_MAX;
-    /* Where the emergency stop is pressed the hardware does not take this. */
+    /* The hardware ignores this while the emergency stop is pressed. */
     TIM1->BDTR = BREAK | TIM_BDTR_MOE;
 }
 

@@ -1,14 +1,14 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* What the files of this port give each other. */
+/* The functions that the files of this port share. */
 #ifndef PORT_H
 #define PORT_H
 
 #include "board.h"
 
-/* rig.c: clocks, encoders, analog inputs, pins. The emulated port has its own in its place. */
+/* rig.c: clocks, encoders, analog inputs, pins. The emulated port replaces it. */
 void rig_start(void);
-void rig_after_sample(void); /* what can wait until the sample's bytes are on their way */
+void rig_after_sample(void); /* work after the sample's bytes are sent */
 void rig_show(void);         /* the LED */
 
 /* motor.c: the bridge. */
@@ -25,17 +25,17 @@ void USART1_IRQHandler(void);
 void sample_start(void);
 void SysTick_Handler(void);
 extern volatile uint32_t samples_taken;
-extern volatile uint32_t longest_sample_cycles; /* from the interrupt of a sample until it returns */
+extern volatile uint32_t longest_sample_cycles; /* duration of the sample interrupt */
 
 /* watchdog.c */
 void watchdog_start(void);
-void watchdog_feed(void); /* while samples come */
+void watchdog_feed(void); /* while samples are taken */
 
 /* fault.c */
 void fault_begin_again(const uint32_t *frame, uint32_t exception) __attribute__((noreturn));
 struct pendubot_reset fault_log_read(uint8_t reset_cause);
 
-/* Which source this is built from; the Makefile knows. */
+/* The commit of the source, which the Makefile sets. */
 #ifndef BUILD_ID
 #define BUILD_ID 0
 #endif

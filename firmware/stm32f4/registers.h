@@ -1,6 +1,6 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* Of the STM32F405/F407 (reference manual RM0090) and its Cortex-M4, the registers and bits that are used here. */
+/* The used registers and bits of the STM32F405/F407 (reference manual RM0090) and its Cortex-M4. */
 #ifndef REGISTERS_H
 #define REGISTERS_H
 
@@ -23,14 +23,14 @@ struct timer {
 #define TIM3 ((struct timer *)0x40000400u)
 #define TIM_CR1_CEN (1u << 0)
 #define TIM_SMCR_ENCODER 3u                     /* counts every edge of both channels */
-#define TIM_SR_BIF (1u << 7)                    /* a break came */
+#define TIM_SR_BIF (1u << 7)                    /* a break occurred */
 #define TIM_CCMR1_INPUTS (1u << 0 | 1u << 8)    /* channels 1 and 2 are inputs */
 #define TIM_CCMR1_FILTER (3u << 4 | 3u << 12)   /* an edge counts after 8 equal samples, 0.1 us */
 #define TIM_CCMR1_PWM1 (6u << 4)                /* channel 1 is high while CNT < CCR1 */
 #define TIM_CCER_CC1E (1u << 0)
 #define TIM_EGR_UG (1u << 0)
 #define TIM_BDTR_OSSI (1u << 10) /* while off, the output is driven low, not left open */
-#define TIM_BDTR_BKE (1u << 12)  /* the break input takes MOE away, without software */
+#define TIM_BDTR_BKE (1u << 12)  /* the break input clears MOE, without software */
 #define TIM_BDTR_BKP (1u << 13)  /* ... while it is high */
 #define TIM_BDTR_MOE (1u << 15)
 
@@ -93,8 +93,8 @@ struct pwr {
     reg CR, CSR;
 };
 #define PWR ((struct pwr *)0x40007000u)
-#define PWR_CR_PVD_LEVEL_4 (1u << 4 | 4u << 5) /* watches for 2.7 V, as 168 MHz need */
-#define PWR_CSR_PVDO (1u << 2) /* the processor's own supply is below that */
+#define PWR_CR_PVD_LEVEL_4 (1u << 4 | 4u << 5) /* threshold 2.7 V, necessary for 168 MHz */
+#define PWR_CSR_PVDO (1u << 2) /* the processor's supply is below it */
 
 struct iwdg {
     reg KR, PR, RLR, SR;

@@ -9,7 +9,7 @@ enum { AF_TIM1_TIM2 = 1, AF_TIM3 = 2, AF_USART1 = 7 };
 enum { LARGEST_JUMP_SHOULDER = COUNTS_SHOULDER * FASTEST_TURNS_PER_S / SAMPLE_HZ + 1 };
 enum { LARGEST_JUMP_ELBOW = COUNTS_ELBOW * FASTEST_TURNS_PER_S / SAMPLE_HZ + 1 };
 _Static_assert(LARGEST_JUMP_SHOULDER < 1 << 15 && LARGEST_JUMP_ELBOW < 1 << 15,
-    "a counter of 16 bits may wrap between two samples: sample more often");
+    "a 16-bit counter may wrap between two samples: raise SAMPLE_HZ");
 
 static const struct pendubot_settings settings = {
     .cpr1 = COUNTS_SHOULDER,
@@ -40,7 +40,7 @@ static struct encoder {
 } shoulder, elbow;
 static uint8_t cause;
 
-/* Keeps its value while the processor resets; after power it is any number. */
+/* Keeps its value during a reset; after power-on it is undefined. */
 static uint32_t boots __attribute__((section(".noinit")));
 
 const struct pendubot_settings *board_settings(void)
@@ -56,7 +56,7 @@ static void start_clocks(void)
     RCC->CR |= RCC_CR_HSEON;
     while (!(RCC->CR & RCC_CR_HSERDY)) {
     }
-    /* From here on a crystal that stops is an NMI, a fault, and a break of TIM1, which would go on for a while. */
+    /* From here on a failed crystal causes an NMI, a fault, and a break of TIM1, which would run on for a while. */
     RCC->CR |= RCC_CR_CSSON;
     RCC->CFGR = RCC_CFGR_PPRE1_4 | RCC_CFGR_PPRE2_2;
     RCC->PLLCFGR = CRYSTAL_MHZ | 336u << 6 | RCC_PLLCFGR_HSE | 7u << 24;
@@ -71,7 +71,7 @@ static void start_clocks(void)
     RCC->AHB2ENR |= RCC_AHB2ENR_RNG;
     RCC->APB1ENR |= RCC_APB1ENR_TIM2_TIM3 | RCC_APB1ENR_PWR;
     RCC->APB2ENR |= RCC_APB2ENR_TIM1 | RCC_APB2ENR_USART1 | RCC_APB2ENR_ADC1;
-    (void)RCC->APB2ENR; /* a clock needs two cycles before its peripheral hears */
+    (void)RCC->APB2ENR; /* a peripheral accepts writes two cycles after its clock starts */
     PWR->CR |= PWR_CR_PVD_LEVEL_4;
 }
 
@@ -160,7 +160,7 @@ struct pendubot_reset board_reset(void)
 
 /* Sampling */
 
-/* Reads an encoder's 16-bit counter; returns whether it went further than any joint turns in a sample. */
+/* Reads an encoder's 16-bit counter; returns whether it moved further than any joint can in a sample. */
 static bool read_encoder(struct encoder *encoder, const struct timer *timer, int32_t sign, int32_t largest)
 {
     uint16_t counter = (uint16_t)timer->CNT;
@@ -182,7 +182,7 @@ void board_read(struct pendubot_reading *reading)
     reading->vbus_10mv = (uint16_t)vbus_10mv;
     reading->current_ma = (int16_t)(SIGN_MOTOR * current_ma); /* positive with a positive torque */
     uint32_t faults = 0;
-    /* Also one that was shorter than a sample, or a contact that bounces. */
+    /* Also a stop shorter than a sample, or a bouncing contact. */
     faults |= is_high(PIN_EMERGENCY) || motor_was_stopped() ? PENDUBOT_EMERGENCY_STOP : 0u;
     faults |= jump1 ? PENDUBOT_ENCODER_1 : 0u;
     faults |= jump2 ? PENDUBOT_ENCODER_2 : 0u;
@@ -207,7 +207,7 @@ static void set_led(char letter, uint32_t number, bool on)
     GPIO(letter)->BSRR = 1u << (on ? number : number + 16);
 }
 
-/* On: armed. Slowly blinking: disarmed. Quickly: a fault or a watchdog that tripped. Dark: no firmware runs. */
+/* On: armed. Blinking slowly: disarmed. Blinking quickly: a fault or a tripped watchdog. Dark: no firmware runs. */
 void rig_show(void)
 {
     uint32_t status = firmware_link.status;

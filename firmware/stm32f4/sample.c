@@ -1,10 +1,10 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* SysTick: takes a sample every period, and knows the time of it.
+/* SysTick: takes a sample every period, and determines its time.
  *
- * The cycle counter shows how many periods have passed since the sample before, so that a sample that takes longer than
- * its period does not stretch the clock. The sample that was due meanwhile is left out: the next one comes at a whole
- * number of periods, two or more, and the link sets its bit 12. Where the counter stands still, as in QEMU, each sample
+ * The cycle counter gives the number of periods since the last sample, so that a sample that takes longer than its
+ * period does not delay the clock. The sample that was due meanwhile is omitted: the next one follows after a whole
+ * number of periods, two or more, and the link sets its bit 12. If the counter does not run, as in QEMU, each sample
  * counts as one period.
  */
 #include "port.h"
@@ -23,7 +23,7 @@ void sample_start(void)
 {
     DEMCR |= DEMCR_TRCENA;
     DWT_CTRL |= DWT_CTRL_CYCCNTENA;
-    SCB_SHPR3 = 0x10u << 24; /* SysTick below the USART, which keeps 0, the highest */
+    SCB_SHPR3 = 0x10u << 24; /* SysTick has a lower priority than the USART, which keeps 0, the highest */
     SYSTICK->LOAD = PERIOD_CYCLES - 1;
     SYSTICK->VAL = 0;
     SYSTICK->CTRL = SYSTICK_ON;

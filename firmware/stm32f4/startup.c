@@ -1,11 +1,11 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* The vector table, and what happens before main. */
+/* The vector table, and the initialisation before main. */
 #include "registers.h"
 
 #include <stdint.h>
 
-/* Of stm32f4.ld. */
+/* Symbols of stm32f4.ld. */
 extern uint32_t stack_top, data_begin, data_end, data_in_flash, bss_begin, bss_end;
 
 int main(void);
@@ -25,8 +25,8 @@ void Reset_Handler(void)
     main();
 }
 
-/* Every exception and interrupt that nobody expects. It hands on where the processor has pushed its registers, and which
- * exception it is, on an empty stack. */
+/* Handles every unexpected exception and interrupt. It passes the address of the pushed registers and the exception
+ * number to fault_begin_again, on an empty stack. */
 __attribute__((naked)) void Fault_Handler(void)
 {
     __asm__ volatile("mrs r0, msp\n"

@@ -1,9 +1,9 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* USART1: an interrupt moves bytes between the line and two rings; a sample empties the one and fills the other.
+/* USART1: an interrupt moves bytes between the line and two rings; a sample empties one ring and fills the other.
  *
- * A ring has one writer and one reader, each with an index of its own that wraps at 2^32, so nothing needs a lock. The
- * interrupt goes before that of the sample: at 921600 bit/s the next byte comes within 11 us.
+ * A ring has one writer and one reader, each with its own index, which wraps at 2^32, so that no lock is necessary. The
+ * interrupt has priority over the sample's: at 921600 bit/s the next byte comes within 11 us.
  */
 #include "port.h"
 #include "registers.h"
@@ -49,7 +49,7 @@ void USART1_IRQHandler(void)
 {
     uint32_t status = USART1->SR;
     if (status & (USART_SR_RXNE | USART_SR_ORE)) {
-        /* Reading clears what was wrong with it, too; a byte that was damaged or lost makes its frame's CRC wrong. */
+        /* Reading also clears the error flags; a damaged or lost byte makes its frame's CRC wrong. */
         uint8_t byte = (uint8_t)USART1->DR;
         if (status & USART_SR_RXNE && filled(&received) < RING) {
             put(&received, byte);
@@ -86,7 +86,7 @@ bool board_send(const uint8_t *data, size_t size)
         put(&transmitted, data[k]);
     }
     USART1->CR1 |= USART_CR1_TXEIE;
-    /* The interrupt comes by itself on the chip, but not in QEMU 7.2, where a transmitter is always empty. */
+    /* The chip raises the interrupt itself, but QEMU 7.2, whose transmitter is always empty, does not. */
     NVIC_ISPR[USART1_IRQ / 32] = 1u << USART1_IRQ % 32;
     return true;
 }

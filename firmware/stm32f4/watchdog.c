@@ -1,6 +1,6 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* The independent watchdog resets the chip when it is not fed for HUNG_MS. The pins then let go of the bridge. */
+/* The independent watchdog resets the chip when it is not fed for HUNG_MS. The pins then release the bridge. */
 #include "port.h"
 #include "registers.h"
 #include "rig.h"
@@ -16,8 +16,8 @@ void watchdog_start(void)
     IWDG->KR = IWDG_FEED;
 }
 
-/* A debugger that connects may set a bit that stops the watchdog while the processor is halted; the PWM would go on.
- * Cleared at every feeding, the bit is not set when the processor is halted later. */
+/* A debugger may set a bit that stops the watchdog while the processor is halted; the PWM would continue. Each feeding
+ * clears the bit, so that it is not set at a later halt. */
 void watchdog_feed(void)
 {
     IWDG->KR = IWDG_FEED;

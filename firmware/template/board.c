@@ -1,13 +1,13 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* A port to begin with: it compiles as C and as C++, talks to nobody, and never moves a motor.
+/* A template for a port: it compiles as C and as C++, sends nothing, and never moves a motor.
  *
- * Copy it beside pendubot_link.c, pendubot_link.h, firmware.c and board.h, and replace what each comment names. Begin
- * with board_send and the encoders: then the bridge publishes /joint_states. Connect the motor last.
+ * Copy it beside pendubot_link.c, pendubot_link.h, firmware.c and board.h, and make the replacements in the comments.
+ * Begin with board_send and the encoders: then the bridge publishes /joint_states. Connect the motor last.
  */
 #include "board.h"
 
-/* Replace all numbers by those of your rig. 0 as a limit means that the board does not have it. */
+/* Replace all numbers by your rig's. A limit of 0 means that the board does not have it. */
 const struct pendubot_settings *board_settings(void)
 {
     static const struct pendubot_settings settings = {
@@ -16,7 +16,7 @@ const struct pendubot_settings *board_settings(void)
         10000,      /* sample period, us */
         500,        /* longest time for which a COMMAND holds, ms */
         0,          /* torque of 1 A, micro-N m */
-        0,          /* which source this is */
+        0,          /* commit of the source */
         {
             300000, /* torque slew, micro-N m per ms */
             60000,  /* largest speed of either joint, mrad/s */
@@ -24,16 +24,16 @@ const struct pendubot_settings *board_settings(void)
             100000, /* largest travel of the elbow, mrad */
             500000, /* torque at which the shoulder has to move, micro-N m ... */
             500,    /* ... within this time, ms */
-            5000,   /* continuous current of the motor, mA; twice as much ... */
-            2000,   /* ... it bears for this time, ms */
-            3000,   /* highest supply, 10 mV */
+            5000,   /* continuous current of the motor, mA */
+            2000,   /* permitted time of twice this current, ms */
+            3000,   /* highest supply voltage, 10 mV */
         },
         "my board 1", /* its name */
     };
     return &settings;
 }
 
-/* Replace by a number that differs at every boot: a random number generator, or a count in memory that lasts. */
+/* Replace by a number that differs at every boot: from a random number generator, or a counter in persistent memory. */
 uint32_t board_boot_id(void)
 {
     return 1;
@@ -46,31 +46,31 @@ struct pendubot_reset board_reset(void)
     return reset;
 }
 
-/* Replace by a clock in microseconds. The real one, not a count of samples: a late sample has to look late. */
+/* Replace by a real clock in microseconds. A count of samples would not show late samples. */
 uint32_t board_micros(void)
 {
     static uint32_t now;
     return now += 10000;
 }
 
-/* Replace by your encoders' counts, the current and the supply. Set a fault's bit while it lasts: an emergency stop
- * that is pressed, an encoder whose signals are impossible, over current, over temperature, undervoltage. */
+/* Replace by your encoders' counts, the current and the supply. Set a fault's bit while it lasts: a pressed emergency
+ * stop, impossible encoder signals, over current, over temperature, undervoltage. */
 void board_read(struct pendubot_reading *reading)
 {
     reading->enc1 = 0;
     reading->enc2 = 0;
     reading->current_ma = 0;
     reading->vbus_10mv = 0;
-    reading->faults = PENDUBOT_EMERGENCY_STOP; /* until you read the real one: it keeps the motor off */
+    reading->faults = PENDUBOT_EMERGENCY_STOP; /* keeps the motor off until you read the real one */
 }
 
-/* Replace by the duty and direction that give this torque [micro-N m]. 0 has to take all voltage from the motor. */
+/* Replace by the duty and direction that give this torque [micro-N m]. 0 has to remove all voltage from the motor. */
 void board_torque(int32_t torque)
 {
     (void)torque;
 }
 
-/* Replace: take what the host has sent, at most `room` bytes, into `data`; do not wait. */
+/* Replace: copy at most `room` received bytes into `data`; do not wait. */
 size_t board_receive(uint8_t *data, size_t room)
 {
     (void)data;
@@ -84,7 +84,7 @@ size_t board_room(void)
     return 256;
 }
 
-/* Replace: put all bytes into the transmit buffer, do not wait, and return whether they had room. */
+/* Replace: copy all bytes into the transmit buffer, do not wait, and return whether they fit. */
 bool board_send(const uint8_t *data, size_t size)
 {
     (void)data;
@@ -92,8 +92,8 @@ bool board_send(const uint8_t *data, size_t size)
     return true;
 }
 
-/* Replace the loop by a timer's interrupt of this period. Feed a hardware watchdog only where samples still come: while
- * the program hangs, the motor would keep its last voltage. */
+/* Replace the loop by a timer interrupt of this period. Feed a hardware watchdog only while samples are taken: without
+ * it, the motor would keep its last voltage while the program hangs. */
 int main(void)
 {
     firmware_boot();

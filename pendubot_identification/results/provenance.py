@@ -56,7 +56,7 @@ def recordings(result: Result, folder: Path | None = None) -> tuple[list[Traject
 
 
 def settings(result: Result) -> Settings:
-    """Return the settings of a result, except those of MDE and the start of a search."""
+    """Return the settings of a result, except the settings of MDE and the start of a search."""
     made, size = result.made_by, len(result.made_by.lower_bounds)
     same = ('model', 'optimizer', 'smoothing', 'hold', 'link_length', 'link_mass', 'seed')
     low, high = made.delays

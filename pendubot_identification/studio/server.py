@@ -236,7 +236,7 @@ async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> w
         await _ended(process)
     if not line.startswith((b'{"done"', b'{"problem"')):
         end = f'signal {-status}, perhaps for lack of memory' if status < 0 else f'status {status}'
-        sentence = f'the program of this task ended with {end}; give a shorter recording, or see pendubot studio --debug'
+        sentence = f'the program of this task ended with {end}; give a shorter recording or see pendubot studio --debug'
         await response.write(json.dumps({'problem': {'sentence': sentence}}).encode() + b'\n')
     return response
 

@@ -232,7 +232,7 @@ def test_more_than_the_limit_is_not_kept(tmp_path):
         assert page.give('a.csv', b'x' * 900)[0] == 200
         status, said = page.give('b.csv', b'x' * 200)
         assert status == 400
-        assert 'all files are larger than' in said
+        assert 'all files exceed' in said
         (root,) = (each for each in tmp_path.iterdir() if each.is_dir())
         assert [each.name for each in root.rglob('*') if each.is_file()] == ['a.csv']
 
@@ -240,7 +240,7 @@ def test_more_than_the_limit_is_not_kept(tmp_path):
 def test_on_a_full_disk_the_sentence_helps_and_names_no_private_folder(tmp_path):
     with Studio(env={'TMPDIR': str(tmp_path)}, before=('prlimit', '--fsize=300000')) as program:
         said = program.open().do('identify', 'paper_experiment', **QUICK)['problem']['sentence']
-    assert 'cannot be kept (File too large)' in said
+    assert 'cannot be stored (File too large)' in said
     assert 'free space' in said
     assert str(tmp_path) not in said
 

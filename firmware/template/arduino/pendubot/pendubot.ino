@@ -27,7 +27,7 @@ const struct pendubot_settings SETTINGS = { COUNTS_PER_TURN, COUNTS_PER_TURN, TO
     (uint32_t)MICRO_NM_PER_A, 0, LIMITS, "arduino 2" };
 const int DUTY_MAX = 4095 * 95 / 100;
 
-/* Quadrature: from the two pins before and now to -1, 0 or 1. Both at once is impossible: an edge was missed. */
+/* Quadrature: maps the last and present state of both pins to -1, 0 or 1. If both changed, an edge was missed. */
 struct Encoder {
     const uint8_t a, b;
     volatile int32_t counts;
@@ -66,7 +66,7 @@ struct Encoder {
 Encoder shoulder = { PIN_SHOULDER_A, PIN_SHOULDER_B, 0, 0, false }, elbow = { PIN_ELBOW_A, PIN_ELBOW_B, 0, 0, false };
 uint32_t sampled_us, due_us;
 int32_t supply_10mv;
-uint8_t waiting[256], written, sent; /* bytes that wait for the line, so that no sample waits; both indices wrap */
+uint8_t waiting[256], written, sent; /* transmit buffer, so that no sample waits; both indices wrap */
 
 const struct pendubot_settings *board_settings(void) { return &SETTINGS; }
 struct pendubot_reset board_reset(void) { return { 0, 0, 1 }; }
@@ -96,7 +96,7 @@ void board_read(struct pendubot_reading *reading)
     reading->faults = faults;
 }
 
-/* Voltage is R / k times torque, without the voltage that the turning motor induces. */
+/* Voltage is R / k times torque, without the induced voltage of the turning motor. */
 void board_torque(int32_t torque)
 {
     int64_t millivolt = (int64_t)abs(torque) * MOTOR_MILLIOHM / MICRO_NM_PER_A;
