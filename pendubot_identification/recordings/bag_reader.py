@@ -178,9 +178,9 @@ def joint_samples(
 ) -> Iterator[tuple[Indices, Array]]:
     """Yield the samples of two joints in a window, in blocks; values and their order are not checked.
 
-    Each block is t [ns] from the bag's first sample on the topic by ``header.stamp``, shape (N,), and position, effort
-    and velocity before the conversion, NaN if absent, shape (N, 3, 2). Only messages with log times at most
-    ``margin_ns`` outside the window are read.
+    Each block is t [ns] by ``header.stamp`` from the topic's first sample, shape (N,), and position, effort and
+    velocity before the conversion, NaN if absent, shape (N, 3, 2). Only messages with log times at most ``margin_ns``
+    outside the window are read.
 
     Raises:
         BagError: the topic is missing or has another type; a joint is missing or has no position or effort; a
