@@ -1,13 +1,7 @@
-import collections.abc
-import types
-import typing
-
-import numpy
-import numpy.typing
-
 from .api import UPRIGHT as UPRIGHT
 from .api import Identified as Identified
 from .api import Pendubot as Pendubot
+from .api import accelerations as accelerations
 from .api import check as check
 from .api import compare as compare
 from .api import describe as describe
@@ -21,15 +15,3 @@ from .model.simulation import HANGING as HANGING
 from .trajectories.trajectory import Trajectory as Trajectory
 
 __version__: str
-Term = typing.TypeVar('Term')
-
-def accelerations(
-    theta: collections.abc.Sequence[Term | float] | numpy.typing.NDArray[numpy.float64],
-    q1: Term,
-    q2: Term,
-    v1: Term,
-    v2: Term,
-    tau1: Term | float,
-    tau2: Term | float,
-    lib: types.ModuleType = ...,
-) -> tuple[Term, Term]: ...

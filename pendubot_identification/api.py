@@ -21,6 +21,7 @@ from functools import partial
 from inspect import cleandoc
 from pathlib import Path
 from textwrap import fill
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 F = TypeVar('F', bound=Callable[..., Any])
+Term = TypeVar('Term')
 File = str | Path
 Criterion = Literal['energy', 'weak', 'likelihood']
 Model = Literal['auto', 'viscous', 'coulomb', 'rotor', 'geared']
@@ -71,7 +73,6 @@ Plot = Literal['simulation', 'recordings', 'torque']
 ARRAYS = ('t', 'q', 'tau', 'qd')
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)
-accelerations = dynamics.accelerations
 
 
 @contextmanager
@@ -335,6 +336,24 @@ def simulate(
     """
     times = np.asarray(t, dtype=float)
     return simulation.simulate(pendubot, times, _torques(times, tau), q, qd)
+
+
+def accelerations(
+    theta: Sequence[Term | float] | Array,
+    q1: Term,
+    q2: Term,
+    v1: Term,
+    v2: Term,
+    tau1: Term | float,
+    tau2: Term | float,
+    lib: ModuleType = np,
+) -> tuple[Term, Term]:
+    """Return q1'', q2'' [rad/s^2]: the equations of motion, with the inverse of M(q) written out.
+
+    ``theta`` is a sequence of D numbers, arrays or expressions; arrays broadcast. ``lib`` has their functions: numpy,
+    math for floats, casadi, or jax.numpy.
+    """
+    return dynamics.accelerations(theta, q1, q2, v1, v2, tau1, tau2, lib)
 
 
 def _torques(t: Array, tau: ArrayLike) -> Array:
