@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from inspect import cleandoc
+from itertools import product
 from pathlib import Path
 from textwrap import fill
 from types import ModuleType
@@ -389,6 +390,27 @@ def compare(results: Mapping[str, Identified]) -> DataFrame:
     frame = _frame(cells, list(rows))
     frame.attrs['notes'] = found['notes']
     return frame
+
+
+def sweep(
+    *recordings: Trajectory | File | DataFrame, over: Mapping[str, Sequence[object]], **options: object
+) -> dict[str, Identified]:
+    """Identify with each combination of values of some arguments; return the results by these, for :func:`compare`.
+
+    Args:
+        recordings: as of :func:`identify`.
+        over: values by the names of its arguments, such as ``{'smoothing': [0.02, 0.05], 'hold': ['zero', 'linear']}``.
+        options: its other arguments.
+
+    Raises:
+        PendubotError: as :func:`identify`.
+    """
+    run: Callable[..., Identified] = identify
+    combinations = [dict(zip(over, values, strict=True)) for values in product(*over.values())]
+    return {
+        ', '.join(f'{name}={value}' for name, value in each.items()): run(*recordings, **options, **each)
+        for each in combinations
+    }
 
 
 def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:

@@ -34,6 +34,7 @@ from pendubot_identification import (
     identify,
     read,
     simulate,
+    sweep,
 )
 from pendubot_identification.formats.export import export
 from pendubot_identification.identification.options import OPTIONS
@@ -55,7 +56,6 @@ def found():
 def test_names_are_the_same_at_run_time_and_for_type_checkers():
     stub = ast.parse((ROOT / 'pendubot_identification' / '__init__.pyi').read_text())
     listed = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
-    listed |= {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
     assert listed == {*pendubot_identification.__all__} <= {*dir(pendubot_identification)}
     for name in listed:
         assert getattr(pendubot_identification, name) is getattr(api, name)
@@ -211,6 +211,21 @@ def test_results_are_compared_in_a_frame(found):
     np.testing.assert_allclose(frame['second', 't'], apart / error, rtol=1e-9)
 
 
+def test_a_sweep_has_a_result_of_each_combination(found):
+    pytest.importorskip('pandas')
+    motion, over = read(SAMPLE), {'smoothing': [None, 0.05], 'model': ['viscous', 'coulomb']}
+    results = sweep(motion, over=over, criterion='weak', hold='zero')
+    assert list(results)[1:3] == ['smoothing=None, model=coulomb', 'smoothing=0.05, model=viscous']
+    np.testing.assert_allclose(results['smoothing=None, model=viscous'].theta, found.theta, rtol=1e-9)
+    frame = compare(results)
+    np.testing.assert_array_equal(
+        frame['smoothing=0.05, model=coulomb', 'value'],
+        identify(motion, smoothing=0.05, model='coulomb', criterion='weak', hold='zero').theta,
+    )
+    with pytest.raises(PendubotError, match='smoothing'):
+        sweep(motion, over={'smoothing': [-1.0]})
+
+
 def choices_of(hint):
     """Return the texts that a type allows."""
     parts = get_args(hint)
@@ -287,6 +302,7 @@ reveal_type(read)
 reveal_type(accelerations)
 reveal_type(simulate)
 reveal_type(compare)
+reveal_type(sweep)
 reveal_type(Pendubot.load)
 reveal_type(Pendubot.mass_matrix)
 reveal_type(Pendubot.linearised)
