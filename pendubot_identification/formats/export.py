@@ -13,7 +13,7 @@ from pendubot_identification.results.result import Parameter, PartialResult
 
 from .code import Entry, c, matlab, python
 from .masses import rig_of
-from .robots import limits, mjcf, urdf
+from .robots import TIME_STEP, limits, mjcf, urdf
 
 ROBOTS = ('mjcf', 'urdf')
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
@@ -41,13 +41,13 @@ def export(
         ParameterError: no real masses give these parameters, or the limit is no number above 0.
     """
     require_limit(torque_limit)
-    entries, said = _entries(result), _beside(result)
+    entries, said = _entries(result), _beside(result, format)
     if format in ROBOTS:
         rig = rig_of(result.theta, link_length)
         said = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *said]
         comments = [*provenance(result), *(f'{e.name} = {e.value!r} {e.meaning}' for e in entries), *said]
         if format == 'mjcf':
-            return mjcf(rig, comments, torque_limit), said
+            return mjcf(rig, comments, torque_limit, result.effort.delay), said
         return urdf(rig, comments, torque_limit, revolute=revolute), said
     if format == 'yaml':
         # For --params-file of any node.
@@ -84,11 +84,16 @@ def provenance(result: PartialResult) -> list[str]:
     return [' '.join(str(line).split()) for line in lines]
 
 
-def _beside(result: PartialResult) -> list[str]:
+def _beside(result: PartialResult, format: str) -> list[str]:
     """Return what acts on the rig beside the model: a delay, and effects that were estimated together with it."""
     delay = result.effort.delay
     said = []
-    if delay and abs(delay) >= NEGLIGIBLE:
+    if format == 'mjcf' and delay >= TIME_STEP:
+        said.append(
+            f'torques act {delay:.4g} s later than they are set: the motor has that delay, which MuJoCo knows since '
+            '3.5; with a smaller timestep, raise nsample to delay / timestep + 1'
+        )
+    elif abs(delay) >= NEGLIGIBLE:
         said.append(f'torques act {delay:.4g} s later than they are stamped, which is not in this model')
     effects = [f'{e.name} ({e.where})' for e in result.effects if e.accepted]
     if effects:

@@ -96,11 +96,13 @@ def test_units_level_warnings_and_provenance_stand_in_it(result, name):
         assert expected in text
 
 
-@pytest.mark.parametrize(('delay', 'said'), [(3e-7, False), (0.003, True), (-0.003, True)])
-def test_a_delay_is_named_if_it_matters(result, delay, said):
+@pytest.mark.parametrize(('delay', 'said'), [(3e-7, ''), (0.001, 'stamped'), (0.003, 'set'), (-0.003, 'stamped')])
+def test_a_delay_is_in_the_file_of_mujoco_or_named_if_it_matters(result, delay, said):
     late = replace(result, effort=replace(result.effort, delay=delay))
-    assert (f'torques act {delay:g} s later than they are stamped' in written('mjcf', late)) == said
-    assert ('later than' in written('mjcf', late)) == said
+    text = written('mjcf', late)
+    assert (f'torques act {delay:g} s later than they are {said}' in text) == ('later than' in text) == bool(said)
+    assert ('delay="0.003" nsample="3"' in text) == (delay == 0.003)
+    assert ('which is not in this model' in written('urdf', late)) == bool(said)
 
 
 def test_what_a_hand_left_out_is_0_in_its_own_place():
