@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The dynamics as CasADi expressions, for optimal control: python casadi_dynamics.py [RESULT.yaml].
+"""From arrays to CasADi expressions of the dynamics, for optimal control: python casadi_dynamics.py [RESULT.yaml].
 
 Needs `pip install casadi`. With `import jax.numpy` in the place of casadi the same call gives what JAX differentiates.
 """
@@ -15,12 +15,15 @@ try:
 except ImportError:
     raise SystemExit('this example needs CasADi: pip install casadi') from None
 
-from pendubot_identification import UPRIGHT, Pendubot, accelerations, simulate
+from pendubot_identification import UPRIGHT, Pendubot, accelerations, identify, simulate
 
 if len(sys.argv) > 1:
     rig = Pendubot.load(sys.argv[1])
-else:
+else:  # your own arrays in the place of a simulated rig
     rig = Pendubot(P1=0.0148, P2=0.0051, P3=0.0046, P4=0.1003, P5=0.0303, b1=0.0008, b2=0.0001)
+    t = np.arange(1500) * 0.01
+    torque = np.where(t % 1 < 0.05, np.random.default_rng(1).uniform(-2, 2, len(t)), 0.0)
+    rig = identify(t=t, q=simulate(rig, t, torque).q.round(4), tau=torque).pendubot
 
 x, tau = casadi.SX.sym('x', 4), casadi.SX.sym('tau')
 q1, q2, v1, v2 = casadi.vertsplit(x)

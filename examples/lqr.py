@@ -1,19 +1,24 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From parameters to an LQR that holds the rig upright, tried in simulation: python lqr.py [RESULT.yaml]."""
+"""From arrays to an LQR that holds the rig upright, tried in simulation: python lqr.py [RESULT.yaml]."""
 
 import sys
 
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from pendubot_identification import UPRIGHT, Pendubot, simulate
+from pendubot_identification import UPRIGHT, Pendubot, identify, simulate
 
 if len(sys.argv) > 1:
     rig = Pendubot.load(sys.argv[1])
-else:
+else:  # your own arrays in the place of a simulated rig
     rig = Pendubot(P1=0.0148, P2=0.0051, P3=0.0046, P4=0.1003, P5=0.0303, b1=0.0008, b2=0.0001)
+    t = np.arange(1500) * 0.01
+    torque = np.where(t % 1 < 0.05, np.random.default_rng(1).uniform(-2, 2, len(t)), 0.0)
+    found = identify(t=t, q=simulate(rig, t, torque).q.round(4), tau=torque)
+    print(found)
+    rig = found.pendubot
 
 # x' = A x + B tau near upright, x = [q - UPRIGHT, qd]; an angle of 0.1 rad costs as much as a torque of 0.1 N m.
 A, B = rig.linearised()

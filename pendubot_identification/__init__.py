@@ -29,6 +29,7 @@ __all__ = [
     'identify',
     'read',
     'simulate',
+    'sweep',
 ]
 
 kernel.wanted = environ.get('PENDUBOT_KERNEL', 'on') != 'off'

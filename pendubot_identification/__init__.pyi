@@ -1,19 +1,14 @@
-import collections.abc
-import types
-import typing
-
-import numpy
-import numpy.typing
-
 from .api import UPRIGHT as UPRIGHT
 from .api import Identified as Identified
 from .api import Pendubot as Pendubot
+from .api import accelerations as accelerations
 from .api import check as check
 from .api import compare as compare
 from .api import describe as describe
 from .api import identify as identify
 from .api import read as read
 from .api import simulate as simulate
+from .api import sweep as sweep
 from .errors import PendubotError as PendubotError
 from .level import Level as Level
 from .model.parameters import Parameters as Parameters
@@ -21,15 +16,3 @@ from .model.simulation import HANGING as HANGING
 from .trajectories.trajectory import Trajectory as Trajectory
 
 __version__: str
-Term = typing.TypeVar('Term')
-
-def accelerations(
-    theta: collections.abc.Sequence[Term | float] | numpy.typing.NDArray[numpy.float64],
-    q1: Term,
-    q2: Term,
-    v1: Term,
-    v2: Term,
-    tau1: Term | float,
-    tau2: Term | float,
-    lib: types.ModuleType = ...,
-) -> tuple[Term, Term]: ...

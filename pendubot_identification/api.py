@@ -19,8 +19,10 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from inspect import cleandoc
+from itertools import product
 from pathlib import Path
 from textwrap import fill
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 F = TypeVar('F', bound=Callable[..., Any])
+Term = TypeVar('Term')
 File = str | Path
 Criterion = Literal['energy', 'weak', 'likelihood']
 Model = Literal['auto', 'viscous', 'coulomb', 'rotor', 'geared']
@@ -71,7 +74,6 @@ Plot = Literal['simulation', 'recordings', 'torque']
 ARRAYS = ('t', 'q', 'tau', 'qd')
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)
-accelerations = dynamics.accelerations
 
 
 @contextmanager
@@ -337,6 +339,24 @@ def simulate(
     return simulation.simulate(pendubot, times, _torques(times, tau), q, qd)
 
 
+def accelerations(
+    theta: Sequence[Term | float] | Array,
+    q1: Term,
+    q2: Term,
+    v1: Term,
+    v2: Term,
+    tau1: Term | float,
+    tau2: Term | float,
+    lib: ModuleType = np,
+) -> tuple[Term, Term]:
+    """Return q1'', q2'' [rad/s^2]: the equations of motion, with the inverse of M(q) written out.
+
+    ``theta`` is a sequence of D numbers, arrays or expressions; arrays broadcast. ``lib`` has their functions: numpy,
+    math for floats, casadi, or jax.numpy.
+    """
+    return dynamics.accelerations(theta, q1, q2, v1, v2, tau1, tau2, lib)
+
+
 def _torques(t: Array, tau: ArrayLike) -> Array:
     """Return the torques of both joints [N m], shape (N, 2), at times t, shape (N,)."""
     torques = np.asarray(tau, dtype=float)
@@ -370,6 +390,27 @@ def compare(results: Mapping[str, Identified]) -> DataFrame:
     frame = _frame(cells, list(rows))
     frame.attrs['notes'] = found['notes']
     return frame
+
+
+def sweep(
+    *recordings: Trajectory | File | DataFrame, over: Mapping[str, Sequence[object]], **options: object
+) -> dict[str, Identified]:
+    """Identify with each combination of values of some arguments; return the results by these, for :func:`compare`.
+
+    Args:
+        recordings: as of :func:`identify`.
+        over: values by the names of its arguments, such as ``{'smoothing': [0.02, 0.05], 'hold': ['zero', 'linear']}``.
+        options: its other arguments.
+
+    Raises:
+        PendubotError: as :func:`identify`.
+    """
+    run: Callable[..., Identified] = identify
+    combinations = [dict(zip(over, values, strict=True)) for values in product(*over.values())]
+    return {
+        ', '.join(f'{name}={value}' for name, value in each.items()): run(*recordings, **options, **each)
+        for each in combinations
+    }
 
 
 def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:

@@ -8,12 +8,10 @@ from contextlib import contextmanager
 
 
 class PendubotError(Exception):
-    """Base of every error that a user can cause; its text is one sentence for that user.
+    """Base of every error that a user can cause; its text is one sentence for that user."""
 
-    Attributes:
-        remedy: options of reading data that correct it, by name, where the program knows them.
-        for_shell: the sentence with options as on the command line; the text may name arguments of Python.
-    """
+    remedy: dict[str, str]  #: options of reading data that correct it, by name, where the program knows them.
+    for_shell: str  #: the sentence with options as on the command line; the text may name arguments of Python.
 
     def __init__(self, text: str = '', **remedy: str) -> None:
         super().__init__(text)
@@ -29,13 +27,11 @@ class TrajectoryError(PendubotError):
 
 
 class LongRecordingError(TrajectoryError):
-    """A recording that is too long to be taken at once.
+    """A recording that is too long to be taken at once."""
 
-    Attributes:
-        found: that and how long it is, as a part of a sentence.
-        window: what was to be read, BAG@START:END.
-        first: its beginning, as much as is usually enough, likewise.
-    """
+    found: str  #: that and how long it is, as a part of a sentence.
+    window: str  #: what was to be read, BAG@START:END.
+    first: str  #: its beginning, as much as is usually enough, likewise.
 
     def __init__(self, found: str, window: str, first: str) -> None:
         bag = window.rpartition('@')[0] or window

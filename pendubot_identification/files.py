@@ -1,10 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reading YAML, and writing files completely or not at all, never over others unasked."""
+"""Reading YAML, hashing, and writing files completely or not at all, never over others unasked."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,6 +34,16 @@ def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultEr
         raise refusal(f'{path} cannot be read ({error.strerror}); {expected}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise refusal(f'{path} is no YAML file; {expected}') from error
+
+
+def content_hash(paths: Iterable[Path]) -> str:
+    """Return the SHA-256 of files, one after the other, in hexadecimal."""
+    digest = hashlib.sha256()
+    for path in paths:
+        with path.open('rb') as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
 
 
 def yaml_text(document: Any) -> str:

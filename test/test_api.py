@@ -10,12 +10,13 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from typing import Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 from xml.etree import ElementTree
 
 import matplotlib.figure
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 import pendubot_identification
 from pendubot_identification import (
@@ -33,6 +34,7 @@ from pendubot_identification import (
     identify,
     read,
     simulate,
+    sweep,
 )
 from pendubot_identification.formats.export import export
 from pendubot_identification.identification.options import OPTIONS
@@ -54,7 +56,6 @@ def found():
 def test_names_are_the_same_at_run_time_and_for_type_checkers():
     stub = ast.parse((ROOT / 'pendubot_identification' / '__init__.pyi').read_text())
     listed = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
-    listed |= {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
     assert listed == {*pendubot_identification.__all__} <= {*dir(pendubot_identification)}
     for name in listed:
         assert getattr(pendubot_identification, name) is getattr(api, name)
@@ -210,6 +211,21 @@ def test_results_are_compared_in_a_frame(found):
     np.testing.assert_allclose(frame['second', 't'], apart / error, rtol=1e-9)
 
 
+def test_a_sweep_has_a_result_of_each_combination(found):
+    pytest.importorskip('pandas')
+    motion, over = read(SAMPLE), {'smoothing': [None, 0.05], 'model': ['viscous', 'coulomb']}
+    results = sweep(motion, over=over, criterion='weak', hold='zero')
+    assert list(results)[1:3] == ['smoothing=None, model=coulomb', 'smoothing=0.05, model=viscous']
+    np.testing.assert_allclose(results['smoothing=None, model=viscous'].theta, found.theta, rtol=1e-9)
+    frame = compare(results)
+    np.testing.assert_array_equal(
+        frame['smoothing=0.05, model=coulomb', 'value'],
+        identify(motion, smoothing=0.05, model='coulomb', criterion='weak', hold='zero').theta,
+    )
+    with pytest.raises(PendubotError, match='smoothing'):
+        sweep(motion, over={'smoothing': [-1.0]})
+
+
 def choices_of(hint):
     """Return the texts that a type allows."""
     parts = get_args(hint)
@@ -286,6 +302,7 @@ reveal_type(read)
 reveal_type(accelerations)
 reveal_type(simulate)
 reveal_type(compare)
+reveal_type(sweep)
 reveal_type(Pendubot.load)
 reveal_type(Pendubot.mass_matrix)
 reveal_type(Pendubot.linearised)
@@ -299,6 +316,37 @@ identify('a', criterion='weka')
 identify('a', critrion='weak')
 read('a', time_unit='min')
 """
+
+
+def has_any(hint):
+    """Return whether a type is Any or has it as a part, but for numpy's own types of an array."""
+    if get_origin(hint) is np.ndarray or hint in (ArrayLike, *get_args(ArrayLike)):
+        return False
+    return hint is Any or any(map(has_any, hint if isinstance(hint, list) else get_args(hint)))
+
+
+def public():
+    """Return the public functions, classes, methods and getters of properties by their names."""
+    exported = {name: getattr(pendubot_identification, name) for name in pendubot_identification.__all__}
+    found = {name: each for name, each in exported.items() if callable(each)}
+    for name, each in exported.items():
+        bases = each.__mro__ if inspect.isclass(each) else ()
+        ours = [vars(base) for base in bases if base.__module__.startswith(pendubot_identification.__name__)]
+        members = {f'{name}.{n}': m for own in ours for n, m in own.items() if not n.startswith('_')}
+        found |= {n: getattr(m, 'fget', getattr(m, '__func__', m)) for n, m in members.items()}
+    return {name: each for name, each in found.items() if inspect.isclass(each) or inspect.isfunction(each)}
+
+
+def test_everything_public_has_types_without_any():
+    pandas = pytest.importorskip('pandas')
+    names = {'DataFrame': pandas.DataFrame, 'Axes': matplotlib.axes.Axes}
+    hints = {name: get_type_hints(each, localns=names) for name, each in public().items()}
+    assert {'accelerations', 'Identified.plot', 'Pendubot.vector', 'Trajectory.duration'} <= hints.keys()
+    assert not [name for name, own in hints.items() if any(map(has_any, own.values()))]
+    for name, each in public().items():
+        arguments = inspect.signature(each).parameters.keys() - {'self', 'cls'} if inspect.isfunction(each) else set()
+        assert arguments <= hints[name].keys(), name
+        assert inspect.isclass(each) or 'return' in hints[name], name
 
 
 def test_mypy_sees_every_public_signature(tmp_path):

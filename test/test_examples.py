@@ -38,18 +38,26 @@ def test_a_bag_becomes_parameters_and_these_a_regulator(example, tmp_path):
     assert 'poles of the closed loop' in example('lqr.py', 'rig.yaml')
 
 
-def test_a_file_of_ones_own_becomes_parameters(example):
-    said = example('own_csv.py')
-    assert '1500 samples, 14.99 s; it starts at [-1.57' in said
+def require_p1(said):
     P1, *_ = re.findall(r'P1 \[kg m\^2\] +(\S+)', said)
     assert float(P1) == pytest.approx(BALANCE.P1, rel=0.01)
 
 
 def test_arrays_become_parameters_a_figure_a_model_and_a_report(example, tmp_path):
-    said = example('own_arrays.py', tmp_path)
-    P1, *_ = re.findall(r'P1 \[kg m\^2\] +(\S+)', said)
-    assert float(P1) == pytest.approx(BALANCE.P1, rel=0.01)
+    require_p1(example('own_arrays.py', tmp_path))
     assert all((tmp_path / name).stat().st_size for name in ('simulation.png', 'rig.urdf', 'report/report.html'))
+
+
+def test_a_frame_becomes_parameters(example):
+    said = example('own_dataframe.py')
+    assert '1500 samples, 14.99 s; it starts at [-1.57' in said
+    require_p1(said)
+
+
+def test_arrays_become_a_regulator(example):
+    said = example('lqr.py')
+    assert 'after 2 s: off by' in said
+    require_p1(said)
 
 
 def test_casadi_swings_up_what_this_package_simulates(example):

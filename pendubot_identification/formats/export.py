@@ -13,7 +13,7 @@ from pendubot_identification.results.result import Parameter, PartialResult
 
 from .code import Entry, c, matlab, python
 from .masses import rig_of
-from .robots import limits, mjcf, urdf
+from .robots import TIME_STEP, limits, mjcf, urdf
 
 ROBOTS = ('mjcf', 'urdf')
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
@@ -41,13 +41,13 @@ def export(
         ParameterError: no real masses give these parameters, or the limit is no number above 0.
     """
     require_limit(torque_limit)
-    entries, remarks = _entries(result), _outside_model(result)
+    entries, remarks = _entries(result), _outside_model(result, format)
     if format in ROBOTS:
         rig = rig_of(result.theta, link_length)
         remarks = [*rig.choices, *limits(rig.parameters, armature=format == 'mjcf'), *remarks]
         comments = [*provenance(result), *(f'{e.name} = {e.value!r} {e.meaning}' for e in entries), *remarks]
         if format == 'mjcf':
-            return mjcf(rig, comments, torque_limit), remarks
+            return mjcf(rig, comments, torque_limit, result.effort.delay), remarks
         return urdf(rig, comments, torque_limit, revolute=revolute), remarks
     if format == 'yaml':
         # For --params-file of any node.
@@ -84,11 +84,16 @@ def provenance(result: PartialResult) -> list[str]:
     return [' '.join(str(line).split()) for line in lines]
 
 
-def _outside_model(result: PartialResult) -> list[str]:
+def _outside_model(result: PartialResult, format: str) -> list[str]:
     """Return sentences on the input delay and the compensated effects, which the model does not contain."""
     delay = result.effort.delay
     remarks = []
-    if delay and abs(delay) >= NEGLIGIBLE:
+    if format == 'mjcf' and delay >= TIME_STEP:
+        remarks.append(
+            f'the motor has the input delay of {delay:.4g} s, which needs MuJoCo 3.5 or later; with a smaller '
+            'timestep, raise nsample to delay / timestep + 1'
+        )
+    elif abs(delay) >= NEGLIGIBLE:
         remarks.append(f'this model does not contain the input delay of {delay:.4g} s')
     effects = [f'{e.name} ({e.where})' for e in result.effects if e.accepted]
     if effects:

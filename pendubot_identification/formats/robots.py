@@ -19,6 +19,8 @@ from .masses import Link, Rig
 
 #: A link's radius over the length of the shorter one.
 SLENDER = 0.05
+#: MuJoCo's time step [s].
+TIME_STEP = 0.002
 STEEL, BLUE, ORANGE = '0.45 0.48 0.52 1', '0.12 0.35 0.65 1', '0.85 0.42 0.10 1'
 
 
@@ -40,10 +42,11 @@ def limits(parameters: Parameters, *, armature: bool) -> list[str]:
     return missing
 
 
-def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None) -> str:
-    """Return the MJCF of a rig; its keyframes are both positions of rest."""
+def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None, delay: float = 0.0) -> str:
+    """Return the MJCF of a rig, whose motor has a delay [s] of a time step or more; its keyframes are both at rest."""
     p, radius = rig.parameters, SLENDER * min(rig.first.length, rig.second.length)
     limit = '' if torque_limit is None else f' ctrllimited="true" ctrlrange="{-torque_limit!r} {torque_limit!r}"'
+    late = f' delay="{delay!r}" nsample="{math.ceil(delay / TIME_STEP) + 1}"' if delay >= TIME_STEP else ''
 
     def joint(name: str, damping: float, dry: float, armature: float) -> str:
         more = [f' {key}="{value!r}"' for key, value in (('frictionloss', dry), ('armature', armature)) if value]
@@ -63,7 +66,7 @@ def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
 {_comment(comments)}<mujoco model="pendubot">
   <compiler angle="radian"/>
   <!-- MuJoCo's other integrators are off by 0.05 rad after a second (median of 100 rigs), this one by 4e-8. -->
-  <option timestep="0.002" integrator="RK4" gravity="0 0 {-GRAVITY!r}"/>
+  <option timestep="{TIME_STEP}" integrator="RK4" gravity="0 0 {-GRAVITY!r}"/>
   <worldbody>
     <light pos="0 -2 2" dir="0 1 -1"/>
     <body name="link_1">
@@ -79,7 +82,7 @@ def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
     </body>
   </worldbody>
   <actuator>
-    <motor name="shoulder" joint="shoulder"{limit}/>
+    <motor name="shoulder" joint="shoulder"{limit}{late}/>
   </actuator>
   <keyframe>
     <key name="hanging" qpos="{-math.pi / 2!r} 0"/>

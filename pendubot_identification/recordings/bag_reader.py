@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 from collections.abc import Collection, Iterator
@@ -19,13 +18,14 @@ import numpy as np
 
 from pendubot_identification.arrays import Array, Indices
 from pendubot_identification.errors import BagError, LongRecordingError, MissingFileError, TrajectoryError
+from pendubot_identification.files import content_hash
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .joint_states import JOINT_STATE, JointDecoder, decode_joint_state, stamp_of
 from .mcap_file import FOREVER_NS, McapFile, Messages
 from .table_reader import TableReader, without_repeats
-from .tables import is_table
+from .tables import BLOCK, is_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,12 +153,7 @@ class BagReader:
     @cached_property
     def content_hash(self) -> str:
         """The SHA-256 of the bag's concatenated .mcap files, in hexadecimal."""
-        digest = hashlib.sha256()
-        for file in self.files:
-            with file.path.open('rb') as stream:
-                while block := stream.read(1 << 20):
-                    digest.update(block)
-        return digest.hexdigest()
+        return content_hash(file.path for file in self.files)
 
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
         """Yield the messages of each file in turn, like ``ros2 bag play``; see :meth:`McapFile.messages`."""
@@ -267,8 +262,9 @@ def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) ->
     """
     if isinstance(reader, TableReader):
         motion = window.of(reader.motion)
-        if len(motion):
-            yield np.column_stack([motion.t, motion.q, motion.tau])
+        for k in range(0, len(motion), BLOCK):
+            part = motion[k : k + BLOCK]
+            yield np.column_stack([part.t, part.q, part.tau])
         return
     Q, c, T, d = conversion.affine
     before = np.empty((0, 2))

@@ -93,8 +93,8 @@ def regularity(times_ns: Indices) -> dict[str, Any]:
     """
     steps = np.diff(times_ns)
     # A time that runs back does not shorten the next gap.
-    ahead = np.unique(np.maximum.accumulate(times_ns))
-    intervals = np.diff(ahead)
+    intervals = np.diff(np.maximum.accumulate(times_ns))
+    intervals = intervals[intervals > 0]
     known = len(intervals) >= SETTINGS.minimum_intervals
     period = float(np.median(intervals)) if known else math.nan
     late = np.flatnonzero(intervals > SETTINGS.gap * period)
@@ -104,7 +104,7 @@ def regularity(times_ns: Indices) -> dict[str, Any]:
         'longest': float(intervals.max(initial=0)) / 1e9,
         'gaps': len(late),
         'missing': int(np.rint(intervals[late] / period - 1).sum()),
-        'first_gap': float(ahead[late[0]] - ahead[0]) / 1e9 if len(late) else None,
+        'first_gap': float(intervals[: late[0]].sum()) / 1e9 if len(late) else None,
         'repeated': int((steps == 0).sum()),
         'backwards': int((steps < 0).sum()),
     }
@@ -127,17 +127,18 @@ def survey_table(reader: TableReader) -> dict[str, Any]:
     Raises:
         TableError: it cannot be read.
     """
-    motion = reader.motion
+    motion, names, rows = reader.motion, reader.table.names, len(reader.table.cells[0])
+    del reader.table  # as large as the motion
     columns = {'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0], 'tau2': motion.tau[:, 1]}
     if motion.qd is not None:
         columns |= {'dq1': motion.qd[:, 0], 'dq2': motion.qd[:, 1]}
     return {
         'file': str(reader.path),
         'columns': reader.taken,
-        'not_taken': [name for name in reader.table.names if name not in reader.taken.values()],
+        'not_taken': [name for name in names if name not in reader.taken.values()],
         'read_with': reader.conversion.options(),
         'samples': len(motion),
-        'left_out': len(reader.table.cells[0]) - len(motion),
+        'left_out': rows - len(motion),
         'duration': motion.duration,
         'rate': (len(motion) - 1) / motion.duration if motion.duration else 0.0,
         **regularity(np.rint(motion.t * 1e9).astype(np.int64)),

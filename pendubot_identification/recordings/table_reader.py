@@ -3,7 +3,6 @@
 
 """Reads a motion from a file with columns."""
 
-import hashlib
 import math
 import re
 import shlex
@@ -18,7 +17,8 @@ import numpy as np
 
 from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.errors import TableError
-from pendubot_identification.trajectories.conventions import OPTIONAL, REQUIRED, TIME_UNITS
+from pendubot_identification.files import content_hash
+from pendubot_identification.trajectories.conventions import REQUIRED, TIME_UNITS
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -61,7 +61,7 @@ class TableReader:
     @cached_property
     def content_hash(self) -> str:
         """The SHA-256 of the file in hexadecimal."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        return content_hash([self.path])
 
     @cached_property
     def table(self) -> Table:
@@ -179,30 +179,37 @@ class TableReader:
         """The complete motion, t from the first sample. May raise TableError."""
         conversion = self.conversion
         given = {name: self._numbers(column) for name, column in self.taken.items()}
-        rows = np.flatnonzero(np.isfinite(np.column_stack(list(given.values()))).all(axis=1))
-        if not rows.size:
+        kept = np.logical_and.reduce([np.isfinite(numbers) for numbers in given.values()])
+        if not kept.any():
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
-        t = given['t'][rows] * conversion.seconds
+        t = given['t'][kept] * conversion.seconds
         if t[0] > SETTINGS.since_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time
         new, self.note = without_repeats(t, str(self.path))
-        rows, t = rows[new], t[new]
+        kept[kept], t = new, t[new]
         wrong = np.flatnonzero(np.diff(t) <= 0)
         if wrong.size:
-            before, time = given['t'][rows[wrong[0] : wrong[0] + 2]]
+            rows = np.flatnonzero(kept)[wrong[0] : wrong[0] + 2]
+            before, time = given['t'][rows]
             what, remedy = 'runs back', 'keep one run in each file, its rows in the order of time'
             if time == before:
                 what, remedy = 'repeats', 'export more digits, or correct or remove that row'
             raise TableError(
-                f'{self._where(rows[wrong[0] + 1])}: the time {time:.12g} {what}, after {before:.12g}; every row '
+                f'{self._where(rows[1])}: the time {time:.12g} {what}, after {before:.12g}; every row '
                 f'needs a later one: {remedy}'
             )
-        values, zeros = {name: numbers[rows] for name, numbers in given.items()}, np.zeros_like(t)
+        t -= t[0]
+        zeros = np.zeros_like(t)
+
+        def pair(*names: str) -> Array:
+            return np.column_stack([given[name][kept] if name in given else zeros for name in names])
+
+        q, tau, qd = pair('q1', 'q2'), pair('tau1', 'tau2'), None
+        if {'dq1', 'dq2'} <= given.keys():
+            qd = pair('dq1', 'dq2')
         if conversion.torque_constant:
-            values['tau1'] *= self._amperes(self.taken['tau1'])
-        q, tau = (np.column_stack([values[a], values.get(b, zeros)]) for a, b in (('q1', 'q2'), ('tau1', 'tau2')))
-        qd = np.column_stack([values[name] for name in OPTIONAL[1:]]) if {'dq1', 'dq2'} <= values.keys() else None
-        motion = conversion.motion(t - t[0], q, tau, qd, str(self.path))
+            tau[:, 0] *= self._amperes(self.taken['tau1'])
+        motion = conversion.motion(t, q, tau, qd, str(self.path))
         if len(t) > 1 and motion.interval > SETTINGS.longest_interval * (1 + 1e-6):
             apart = f'{self.path}: its rows are {motion.interval:g} s apart, which no recording of a pendubot is'
             units = {unit: motion.interval / conversion.seconds * size for unit, size in TIME_UNITS.items()}

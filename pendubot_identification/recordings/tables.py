@@ -8,10 +8,13 @@ import csv
 import gzip
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from io import BytesIO, TextIOWrapper
+from itertools import chain, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 from zipfile import ZipFile
 
 import numpy as np
@@ -26,6 +29,8 @@ from .columns import is_unit
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
 #: The largest content that is unpacked from a compressed file [bytes]: a tenth of it holds every recording.
 LARGEST = 1 << 29
+#: So many rows of text are held in memory at once, before they are numbers.
+BLOCK = 1 << 14
 
 
 class Table(NamedTuple):
@@ -62,64 +67,92 @@ def is_table(path: Path) -> bool:
     return path.suffix.lower() in FORMATS and not path.is_dir()
 
 
-def _decoded(path: Path, encoding: str) -> str:
-    """Return the text of a file; without an encoding, of UTF-8, UTF-16, or else of Windows-1252 (Latin-1)."""
-    data = path.read_bytes()
-    if path.suffix.lower() == '.gz':
-        with gzip.open(path) as unpacked:
-            data = unpacked.read(LARGEST + 1)
-        _refuse_large(path, len(data))
-    if not encoding:
-        utf16 = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        encoding = 'utf-16' if utf16 else 'utf-16-le' if b'\0' in data[1:200:2] else 'utf-8-sig'
-        with suppress(UnicodeDecodeError):
-            return data.decode(encoding)
-        if b'\0' in data or 0x80 <= data[0] < 0xA0:
-            raise TableError(f'{path} is no text in UTF-8 or UTF-16; export it as CSV in UTF-8')
-        encoding = 'cp1252'
-    try:
-        return data.decode(encoding)
-    except (UnicodeDecodeError, LookupError) as error:
-        raise TableError(f'{path} is no text in {encoding}; export it in UTF-8, or add --encoding NAME') from error
-
-
 def _text(path: Path, conversion: Conversion) -> Table:
+    """Read text; without an encoding, in UTF-8, UTF-16, or else Windows-1252 (Latin-1)."""
+    with _unpacked(path) as file:
+        start = file.read(200)
+    utf16 = start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    encodings = ['utf-16' if utf16 else 'utf-16-le' if b'\0' in start[1::2] else 'utf-8-sig', 'cp1252']
+    if b'\0' in start or b'\x80' <= start[:1] < b'\xa0':  # a binary file would be text in the last one, too
+        encodings.pop()
+    encodings = [conversion.encoding] if conversion.encoding else encodings
+    for encoding in encodings:
+        with suppress(UnicodeDecodeError, LookupError), TextIOWrapper(_unpacked(path), encoding) as lines:
+            return _separated(path, lines, conversion)
+    known = conversion.encoding or 'UTF-8 or UTF-16'
+    raise TableError(f'{path} is no text in {known}; export it in UTF-8, or add --encoding NAME')
+
+
+def _unpacked(path: Path) -> IO[bytes]:
+    """Open a file of text, perhaps compressed."""
+    if path.suffix.lower() != '.gz':
+        return path.open('rb')
+    with gzip.open(path) as unpacked:
+        data = unpacked.read(LARGEST + 1)
+    _refuse_large(path, len(data))
+    return BytesIO(data)
+
+
+def _separated(path: Path, file: Iterable[str], conversion: Conversion) -> Table:
     """Read a line of column names and rows, separated by commas, semicolons, tabs or spaces."""
-    lines = [line.strip(' ') for line in _decoded(path, conversion.encoding).splitlines()]
-    if not any(map(str.strip, lines)):
-        raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
-    if any(line.startswith('# name: ') for line in lines[:10]):
-        return _octave(lines)
     above = conversion.skip_rows
-    title = lines[above].lstrip('# ') if len(lines) > above else ''  # numpy writes a # before the names
+    lines = (line.rstrip('\n').strip(' ') for line in file)
+    head = list(islice(lines, above + 50))
+    if not any(map(str.strip, head)):
+        raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
+    if any(line.startswith('# name: ') for line in head[:10]):
+        return _octave([*head, *lines])
+    title = head[above].lstrip('# ') if len(head) > above else ''  # numpy writes a # before the names
     likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
     delimiter = max(likely, key=title.count)
-    reader = csv.reader([title, *lines[above + 1 :]], delimiter=delimiter, skipinitialspace=True)
-    names = [name.strip() for name in next(reader)]
-    if numbered := _numbered(names):
-        reader = csv.reader(lines[above:], delimiter=delimiter, skipinitialspace=True)
-        names = numbered
-    numbers, rows = list[int](), list[list[str]]()
-    for row in reader:
-        # Some programs end a row with a separator.
-        if len(row) == len(names) + 1 and not row[-1].strip():
-            row.pop()
-        if not any(map(str.strip, row)):
-            continue
-        numbers.append(above + reader.line_num)
-        rows.append(row)
-        if len(row) != len(names):
-            if len(rows) == 1 and not above and (above := _lines_above(lines)):
-                raise _names_below(path, 'line', above)
-            comma = delimiter == ',' and len(row) > len(names)
-            why = 'decimals may be written with commas: write them with points, or ' if comma else ''
-            raise TableError(
-                f'{path}, line {numbers[-1]} has {len(row)} cells; {len(names)} are expected, one for each column '
-                f'name; {why}correct or remove that row'
-            )
-    units = _units(rows[0]) if rows else ()
-    rows, numbers = (rows[1:], numbers[1:]) if units else (rows, numbers)
-    return Table(names, list(zip(*rows, strict=True)) or [()] * len(names), 'line', numbers, units)
+    names = [name.strip() for name in next(csv.reader([title], delimiter=delimiter, skipinitialspace=True))]
+    numbered = _numbered(names)
+    names, above = numbered or names, above if numbered else above + 1
+    reader = csv.reader(chain(head[above:], lines), delimiter=delimiter, skipinitialspace=True)
+    numbers = array('q')
+
+    def complete() -> Iterator[list[str]]:
+        for row in reader:
+            # Some programs end a row with a separator.
+            if len(row) == len(names) + 1 and not row[-1].strip():
+                row.pop()
+            if not any(map(str.strip, row)):
+                continue
+            numbers.append(above + reader.line_num)
+            if len(row) != len(names):
+                if len(numbers) == above == 1 and (higher := _lines_above(head)):
+                    raise _names_below(path, 'line', higher)
+                comma = delimiter == ',' and len(row) > len(names)
+                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
+                raise TableError(
+                    f'{path}, line {numbers[-1]} has {len(row)} cells; {len(names)} are expected, one for each column '
+                    f'name; {why}correct or remove that row'
+                )
+            yield row
+
+    rows, parts = complete(), [list[Any]() for _ in names]
+    first = list(islice(rows, 1))
+    units = _units(first[0]) if first else ()
+    rows = chain([] if units else first, rows)
+    while block := list(islice(rows, BLOCK)):
+        for column, cells in zip(parts, zip(*block, strict=True), strict=True):
+            column.append(_as_numbers(cells, comma=conversion.decimal == 'comma'))
+    return Table(names, [_joined(column) for column in parts], 'line', numbers[1:] if units else numbers, units)
+
+
+def _as_numbers(cells: tuple[str, ...], *, comma: bool) -> Any:
+    """Return cells as an array, which takes a tenth of the memory; as they are if one is no finite number."""
+    with suppress(ValueError):
+        numbers = np.array([float(cell.replace(',', '.') if comma else cell) for cell in cells])
+        if np.isfinite(numbers).all():
+            return numbers
+    return cells
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    if parts and all(isinstance(part, np.ndarray) for part in parts):
+        return np.concatenate(parts)
+    return tuple(str(cell) for part in parts for cell in (part if isinstance(part, tuple) else part.tolist()))
 
 
 def _names_below(path: Path, row: str, above: int) -> TableError:

@@ -204,9 +204,12 @@ class Conversion:
 
     def _refuse_wrapped(self, t: Array, q: Array, name: str) -> None:
         """Raise TrajectoryError if an angle stays within one turn, in its unit or in degrees, and jumps by that."""
+        span = np.ptp(q, axis=0)
         for period in dict.fromkeys((self.turn, 360.0)):
-            within = np.ptp(q, axis=0) <= period * (1 + 1e-6)
-            jumps = np.argwhere((np.abs(np.diff(q, axis=0)) > (1 - WRAPPED) * period) & within)
+            suspect = (span > (1 - WRAPPED) * period) & (span <= period * (1 + 1e-6))
+            if not suspect.any():
+                continue  # the steps of an hour take as much memory as its angles
+            jumps = np.argwhere((np.abs(np.diff(q, axis=0)) > (1 - WRAPPED) * period) & suspect)
             if jumps.size:
                 k, joint = jumps[0]
                 remedy = {'unwrap': 'true'} | ({'degrees': 'true'} if period != self.turn else {})

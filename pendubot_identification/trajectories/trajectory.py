@@ -68,7 +68,7 @@ class Trajectory:
     @property
     def interval(self) -> float:
         """The median sampling interval [s]."""
-        return float(np.median(np.diff(self.t)))
+        return float(np.median(np.diff(self.t), overwrite_input=True))
 
     def window(self, start: float, end: float) -> Trajectory:
         """Return the samples with start <= t - t[0] < end, in seconds from the first sample."""

@@ -122,3 +122,19 @@ def test_the_file_begins_hanging_and_its_motor_keeps_the_limit():
     data.ctrl = 3.0
     engine.mj_step(model, data)
     np.testing.assert_allclose(data.qfrc_actuator, [0.5, 0.0])
+
+
+def test_a_delayed_torque_moves_the_rig_later():
+    """But for a sixth of a time step: the last stage of RK4 sees the next torque."""
+    engine, late = pytest.importorskip('mujoco'), 5
+    model = engine.MjModel.from_xml_string(mjcf(rig_of(BALANCE), delay=late * STEP))
+    data, torques, found = engine.MjData(model), np.zeros((2, STEPS + late, 1)), []
+    torques[0, late:, 0] = np.random.default_rng(3).uniform(-0.5, 0.5, STEPS // 10).repeat(10)
+    engine.mj_resetDataKeyframe(model, data, model.key('hanging').id)
+    start = np.array([*data.qpos, *data.qvel])[:, None]
+    for tau in torques[0, late:, 0]:
+        data.ctrl = tau
+        engine.mj_step(model, data)
+        found.append([*data.qpos, *data.qvel])
+    delayed, prompt = (roll(BALANCE.vector(), start, torques[:, k : k + STEPS], STEP)[1:, :, 0] for k in (0, late))
+    assert np.abs(found - delayed).max() < 0.05 * np.abs(found - prompt).max()

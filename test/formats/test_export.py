@@ -96,11 +96,16 @@ def test_units_level_warnings_and_provenance_stand_in_it(result, name):
         assert expected in text
 
 
-@pytest.mark.parametrize(('delay', 'said'), [(3e-7, False), (0.003, True), (-0.003, True)])
-def test_a_delay_is_named_if_it_matters(result, delay, said):
+@pytest.mark.parametrize(
+    ('delay', 'remark'), [(3e-7, 'none'), (0.001, 'left out'), (0.003, 'motor'), (-0.003, 'left out')]
+)
+def test_a_delay_is_in_the_file_of_mujoco_or_named_if_it_matters(result, delay, remark):
     late = replace(result, effort=replace(result.effort, delay=delay))
-    assert (f'the input delay of {delay:g} s' in written('mjcf', late)) == said
-    assert ('input delay' in written('mjcf', late)) == said
+    text, sentence = written('mjcf', late), 'this model does not contain the input delay'
+    assert (f'the input delay of {delay:g} s' in text) == ('input delay' in text) == (remark != 'none')
+    assert ('delay="0.003" nsample="3"' in text) == ('the motor has the input delay' in text) == (remark == 'motor')
+    assert (sentence in text) == (remark == 'left out')
+    assert (sentence in written('urdf', late)) == (remark != 'none')
 
 
 def test_what_a_hand_left_out_is_0_in_its_own_place():

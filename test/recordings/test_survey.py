@@ -1,6 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
+import math
 import subprocess
 import sys
 
@@ -68,6 +69,16 @@ def test_a_bag_of_160_mb_is_surveyed_in_100_mb(tmp_path):
     *said, kilobytes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     assert any('400 messages' in line for line in said)
     assert int(kilobytes) < 100_000
+
+
+def test_a_file_of_25_mb_is_surveyed_in_130_mb(tmp_path):
+    rows = (f'{k / 1000},{math.sin(k / 300):.17f},{math.sin(k / 200):.17f},0.1' for k in range(500_000))
+    (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
+    assert (tmp_path / 'run.csv').stat().st_size > 25e6
+    command = [sys.executable, '-c', MEMORY, tmp_path / 'run.csv']
+    *said, kilobytes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert '500000 samples, 499.999 s' in said[0]
+    assert int(kilobytes) < 130_000
 
 
 def test_messages_out_of_order_are_surveyed_in_the_order_of_log_time(tmp_path):

@@ -50,6 +50,17 @@ def test_the_default_columns_and_degrees(given):
     np.testing.assert_array_equal(degrees.tau, trajectory.tau)
 
 
+def test_a_fault_after_many_rows_is_found(given):
+    rows = [f'{k / 100};{0.1 * (k % 7)};0.2;{k % 3}' for k in range(40_000)]
+    rows[35_000] = '350;é;0.2;1'
+    path = given('\n'.join([MINIMAL.strip().replace(',', ';'), *rows]).replace('.', ','), encoding='latin-1')
+    with pytest.raises(TableError, match=r"line 35002, column 'q1': 'é' is no finite number, as of 1 of 40000 rows"):
+        read(path, decimal='comma')
+    motion = read(path, decimal='comma', skip_missing=True)
+    assert len(motion) == 39_999
+    np.testing.assert_array_equal(motion.q[-1], [0.1 * (39_999 % 7), 0.2])
+
+
 @pytest.mark.parametrize(
     ('text', 'encoding'),
     [
