@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pendubot_identification import __version__, kernel
-from pendubot_identification.identification.options import APPLY_REMEDIES, DATA, EXPERT, HOW, WHAT
+from pendubot_identification.identification.options import APPLY_REMEDIES, DATA, EXPERT, HOW, SCOPE
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting, flag
@@ -179,7 +179,7 @@ def _identify(parser: Any) -> None:
     parser.add_argument('bags', nargs='+', metavar=WINDOW, help='recordings that estimate')
     parser.add_argument('--validate', nargs='+', default=[], metavar=WINDOW, help='recordings that only validate')
     what = parser.add_argument_group('what is minimised')
-    _settings(what, *WHAT, criterion='NAME[,NAME ...]')
+    _settings(what, *SCOPE, criterion='NAME[,NAME ...]')
     words = 'search interval of a parameter, such as P1=0:0.5, or its value if it is known; may be repeated'
     what.add_argument('--bounds', '--fix', action='append', default=[], metavar='NAME=LOW:HIGH', help=words)
     _settings(parser.add_argument_group('how the data are taken'), *DATA, APPLY_REMEDIES, delay='LOW:HIGH')

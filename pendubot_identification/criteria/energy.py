@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper's energy criterion, its equations (3) to (6): work done on the rig against the energy it gained."""
+"""The energy criterion of the paper, equations (3) to (6): work on the rig minus the change of its energy."""
 
 import math
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.signals import SMOOTHING, differentiate, held, resample
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-#: No joint of a bench-top rig turns faster [rad/s], or further between two samples [rad]: its angle is in degrees,
-#: wrapped at a turn, or its encoder jumped. Links of 2 cm reach 300 rad/s; a smoothed wrap steps by pi.
+#: Largest speed [rad/s] and step between two samples [rad] of a bench-top rig: beyond them an angle is in degrees or
+#: wrapped, or its encoder jumped. Links of 2 cm reach 300 rad/s; a smoothed wrap steps by pi.
 TOP_SPEED, TOP_STEP = 500.0, 0.8 * math.pi
-#: Above this median [rad/s] such angles may be in degrees.
+#: Median speed [rad/s] above which such angles may be in degrees.
 FAST = 30.0
 
 
@@ -29,7 +29,7 @@ class Regression:
     phi: Array  #: regressor, shape (N, D).
     #: right-hand side, shape (N,): the torques' work [J], or impulses and work under a test function [N m, W].
     y: Array
-    t: Array  #: the time [s] to which each residual belongs, shape (N,), not decreasing.
+    t: Array  #: time of each residual [s], shape (N,), not decreasing.
 
 
 def energy_regression(
@@ -39,10 +39,9 @@ def energy_regression(
 
         eps = integral of (tau1 - friction1) q1' + (tau2 - friction2) q2' dt - (E(t2) - E(t1))
 
-    ``window`` is t2 - t1 [s]; None takes t1 = the first sample for every t2 (cumulative), which is what the size of the
-    paper's J fits. ``smoothing`` [s] is that of :func:`.signals.differentiate`: recorded velocities are not used.
-    ``model`` is one of :data:`.parameters.MODELS`; the paper's is ``viscous``. A pendubot's tau2 is zero; a rig with an
-    elbow motor brings its torque.
+    ``window`` is t2 - t1 [s]; None takes the first sample as t1 (cumulative), which agrees with the size of J in the
+    paper. ``smoothing`` [s] is the window of :func:`.signals.differentiate`: recorded velocities are not used.
+    ``model`` is one of :data:`.parameters.MODELS`, ``viscous`` in the paper. tau2 is zero without an elbow motor.
 
     Raises:
         TrajectoryError: the motion is shorter than the window, has a gap, or is faster than a rig can be.
@@ -68,12 +67,12 @@ def energy_regression(
 
 
 def _sums(recorded: Trajectory, even: Trajectory, smoothing: float, size: int) -> tuple[Array, Array]:
-    """Return what multiplies the parameters, and the work [J], summed from the start on, of a recording made even."""
+    """Return the cumulative regressor and the cumulative work [J] of a recording on a uniform grid."""
     step = even.interval
     q, qd = differentiate(even.q, step, smoothing)
     require_plausible_speed(even.name, even.t, qd, step)
-    # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, whatever the motion in between. It is summed
-    # over the samples as they were recorded: on a grid of other times a torque may be held for no time.
+    # A held torque does the work tau[k] (q[k+1] - q[k]) on its joint, independent of the motion in between. The sum
+    # is over the recorded samples, because a grid may skip a torque.
     done = _accumulated((recorded.tau[:-1] * np.diff(recorded.q, axis=0)).sum(axis=1))
     k = held(recorded.t, even.t)
     work = done[k] + (recorded.tau[k] * (even.q - recorded.q[k])).sum(axis=1)
@@ -87,27 +86,27 @@ def _sums(recorded: Trajectory, even: Trajectory, smoothing: float, size: int) -
 
 
 def require_plausible_speed(name: str, t: Array, qd: Array, interval: float) -> None:
-    """Refuse velocities [rad/s], shape (N, 2), at the times t [s] of a recording, that no rig can have.
+    """Reject implausible velocities [rad/s], shape (N, 2), of a recording at the times t [s].
 
     ``interval`` is the time between two recorded samples [s].
 
     Raises:
-        TrajectoryError: it says which joint turns so fast, and when.
+        TrajectoryError: a joint is too fast; the message contains the joint and the time.
     """
     fastest, limit = np.abs(qd).max(axis=0), min(TOP_SPEED, TOP_STEP / interval)
     if fastest.max() > limit:
         joint = int(fastest.argmax())
-        # Angles that jump do so now and then.
+        # Jumps are rare and hardly change the median.
         degrees = float(np.median(np.abs(qd).max(axis=1))) > FAST
         raise TrajectoryError(
             f'{name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.4g} rad/s at '
             f'{t[np.abs(qd[:, joint]).argmax()]:.3f} s, and at most {limit:.4g} is plausible; are its '
-            'angles in radians, unwrapped and without jumps, and its stamps true?'
+            'angles in radians, unwrapped and without jumps, and its stamps correct?'
             + (' If they are in degrees, add --degrees' if degrees else ''),
             **({'degrees': 'true'} if degrees else {}),
         )
 
 
 def _accumulated(increments: Array) -> Array:
-    """Return the sums from 0 on, one more than there are increments."""
+    """Return the cumulative sums of increments, starting with 0."""
     return np.cumsum(np.concatenate([np.zeros_like(increments[:1]), increments]), axis=0)

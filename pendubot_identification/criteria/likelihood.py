@@ -1,16 +1,16 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The composite innovations likelihood of recordings: the errors of a filter's predictions of the next sample.
+"""The composite likelihood of the innovations of an extended Kalman filter.
 
-An extended Kalman filter (:mod:`.model.filter`) reads each recording at several sampling intervals. Its innovations e
+The filter (:mod:`.model.filter`) processes each recording at several sampling intervals. Its innovations e
 with variances s are Student-t distributed with nu degrees of freedom:
 
     J = 1/K sum over K intervals of sum[ log(s) / 2 + (nu + 1) / 2 log(1 + e^2 / (nu s)) ] + |offset / prior|^2 / 2
 
 J is a composite likelihood (Varin, Reid and Firth, Statistica Sinica 21, 2011): the intervals share data, so that its
-curvature overstates what is known. Short intervals see friction and inertia, long ones what a model predicts. White
-torque noise, with one intensity for each interval, takes the place of what the model lacks.
+curvature overstates the information. Short intervals are sensitive to friction and inertia, long ones to prediction
+errors. White torque noise, with one intensity for each interval, represents unmodelled effects.
 """
 
 from __future__ import annotations
@@ -31,27 +31,28 @@ from pendubot_identification.model.parameters import repaired
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 
-#: The motion with the torque that acts and the true angles, from the recorded one and some numbers.
+#: Maps a recorded motion and the unknowns of an effect to the motion with acting torques and true angles.
 Shape = Callable[[Motion, Array], Motion]
-#: Unknowns before those of effects: theta, delay, offsets.
+#: Number of unknowns before the effects: theta, delay, offsets.
 SHARED = 17
 
 
 @dataclass(frozen=True, slots=True)
 class LikelihoodSettings:
-    """How recordings are read and compared.
+    """The sampling of the recordings, and the distribution of the innovations.
 
     Attributes:
-        intervals: at which recordings are read [s]; beyond 0.2 s the likelihood has wrong optima.
+        intervals: sampling intervals of the filters [s]; beyond 0.2 s the likelihood has wrong optima.
         step: longest Runge-Kutta step [s].
-        turn: largest angle by which a joint turns in a step [rad].
+        turn: largest rotation of a joint in a step [rad].
         freedom: nu, degrees of freedom of the innovations; infinite: Gaussian.
         offset: standard deviation of the zeros of both positions [rad].
-        rest: a sample with both joints within so many quanta over ``still`` [s] to both sides has no weight: at rest
-            neither torque noise nor quantization is white.
-        block: about how long neighbouring errors depend on each other [s].
-        fine: longest step [s] where a joint is slower than ``slow`` [rad/s] or turns back: dry friction is stiff.
-        slow: see there.
+        rest: a sample has no weight if both joints move by at most this number of encoder steps: at rest neither torque
+            noise nor quantization is white.
+        still: time before and after a sample within which ``rest`` counts the motion [s].
+        block: approximate duration of the blocks of time, the correlation time of the errors [s].
+        fine: longest step [s] where a joint is slower than ``slow`` [rad/s] or reverses: dry friction is stiff.
+        slow: speed limit of ``fine`` [rad/s].
     """
 
     intervals: tuple[float, ...] = (0.05, 0.1, 0.2)
@@ -68,20 +69,20 @@ class LikelihoodSettings:
 
 @dataclass(frozen=True, slots=True)
 class FilterData:
-    """Recordings as the filters take them: R recordings at K intervals, in the order of :class:`.filter.Samples`.
+    """The inputs of the filters for R recordings at K intervals, in the order of :class:`.filter.Samples`.
 
     Attributes:
         motions: the recordings.
-        settings: how they are read.
+        settings: the sampling.
         samples: without states, torques and positions.
-        chosen: the numbers of the samples that each filter reads.
-        edges: where steps begin and end [s], of each filter.
-        recording: the number of each filter's recording, shape (G,).
-        rows: which measurements each filter has.
+        chosen: indices of the samples that each filter uses.
+        edges: boundaries of the steps of each filter [s].
+        recording: index of the recording of each filter, shape (G,).
+        rows: slice of the measurements of each filter.
         weight: of each measurement, 1 or, at rest, 0, shape (N,).
-        t: when they were read [s], shape (N,).
-        block: the number of each measurement's block of time, shape (N,).
-        owner: the number of each block's recording, shape (B,).
+        t: time of each measurement [s], shape (N,).
+        block: index of the block of time of each measurement, shape (N,).
+        owner: index of the recording of each block, shape (B,).
         quantization: variance of the positions' quantization [rad^2], shape (2,).
     """
 
@@ -100,7 +101,7 @@ class FilterData:
 
     @classmethod
     def of(cls, motions: Sequence[Motion], settings: LikelihoodSettings | None = None) -> FilterData:
-        """Read recordings at every interval."""
+        """Sample recordings at all intervals."""
         settings = settings or LikelihoodSettings()
         quantum = np.max([encoder_step(m.recorded.q) for m in motions], axis=0)
         ends = np.cumsum([0.0, *(m.end - m.start for m in motions)])
@@ -119,11 +120,11 @@ class FilterData:
                 edges = np.append(t[0], np.repeat(t[:-1], count) + part * np.repeat(np.diff(t) / count, count))
                 rows = np.full(count.sum(), -1)
                 rows[np.cumsum(count) - 1] = row + np.arange(len(t) - 1)
-                passed = (ends[number] + (edges[1:] + edges[:-1]) / 2 - motion.start) / ends[-1] - 0.5
+                elapsed = (ends[number] + (edges[1:] + edges[:-1]) / 2 - motion.start) / ends[-1] - 0.5
                 weight = (~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]]).astype(float)
-                own = slice(row, row + len(t) - 1)
-                parts.append(_Series(level, number, motion, chosen, t, edges, rows, passed, weight, own))
-                row = own.stop
+                measured = slice(row, row + len(t) - 1)
+                parts.append(_Series(level, number, motion, chosen, t, edges, rows, elapsed, weight, measured))
+                row = measured.stop
         steps = max(len(p.rows) for p in parts)
         counts = [max(1, round((m.end - m.start) / settings.block)) for m in motions]
         first = np.cumsum([0, *counts])
@@ -161,7 +162,7 @@ class FilterData:
             chosen=tuple(p.chosen for p in parts),
             edges=tuple(p.edges for p in parts),
             recording=np.array([p.number for p in parts]),
-            rows=tuple(p.own for p in parts),
+            rows=tuple(p.measured for p in parts),
             weight=np.concatenate([p.weight for p in parts]),
             t=np.concatenate([p.t[1:] for p in parts]),
             block=np.concatenate(block),
@@ -171,19 +172,19 @@ class FilterData:
 
     @property
     def measurements(self) -> int:
-        """How many have weight."""
+        """The number of measurements with weight 1."""
         return int(self.weight.sum())
 
     def block_times(self, block: int) -> float:
         """Return the middle of a block of time [s]."""
-        motion, own = self.motions[self.owner[block]], np.flatnonzero(self.owner == self.owner[block])
-        return float(motion.start + (block - own[0] + 0.5) / len(own) * (motion.end - motion.start))
+        motion, blocks = self.motions[self.owner[block]], np.flatnonzero(self.owner == self.owner[block])
+        return float(motion.start + (block - blocks[0] + 0.5) / len(blocks) * (motion.end - motion.start))
 
     def block_of(self, recording: int, t: Array) -> NDArray[np.intp]:
-        """Return the number of the block of time of a recording in which each time lies."""
-        motion, own = self.motions[recording], np.flatnonzero(self.owner == recording)
-        part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(own)
-        return np.asarray(own[np.clip(part.astype(int), 0, len(own) - 1)])
+        """Return the index of the block of time of a recording that contains each of the times t [s]."""
+        motion, blocks = self.motions[recording], np.flatnonzero(self.owner == recording)
+        part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(blocks)
+        return np.asarray(blocks[np.clip(part.astype(int), 0, len(blocks) - 1)])
 
     def torques(self, motions: Sequence[Motion], delay: float) -> Array:
         """Return mean torques of all steps [N m] with a delay [s], shape (G, S, 2)."""
@@ -194,7 +195,7 @@ class FilterData:
         return tau
 
     def positions(self, motions: Sequence[Motion]) -> tuple[Array, Array]:
-        """Return the first states and the positions that are read, shapes (G, 4), (G, S, 2)."""
+        """Return the initial states and the measured positions, shapes (G, 4), (G, S, 2)."""
         start, y = np.zeros((len(self.chosen), 4)), np.zeros((*self.samples.h.shape, 2))
         for g, chosen in enumerate(self.chosen):
             motion = motions[self.recording[g]]
@@ -205,7 +206,7 @@ class FilterData:
 
 
 class _Series(NamedTuple):
-    """A recording at one interval: what was read when, the steps between, and where it stands among all."""
+    """The data of one filter: a recording at one sampling interval."""
 
     level: int
     number: int
@@ -216,11 +217,11 @@ class _Series(NamedTuple):
     rows: NDArray[np.int_]
     elapsed: Array
     weight: Array
-    own: slice
+    measured: slice
 
 
 def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
-    """Return the numbers of samples that are about ``interval`` apart, or one sample where that is longer."""
+    """Return the indices of samples about ``interval`` [s] apart, or of all samples if their interval is longer."""
     usual = float(np.median(np.diff(t)))
     every = max(1, round(interval / usual)) * usual
     nearest = np.searchsorted(t, np.arange(t[0], t[-1] + usual / 2, every) - usual / 2)
@@ -228,18 +229,18 @@ def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
 
 
 def _slow(motion: Motion, chosen: NDArray[np.intp], limit: float) -> Flags:
-    """Return between which of the chosen samples a joint is slower than a limit [rad/s] or turns back."""
+    """Return whether a joint is slower than a limit [rad/s] or reverses between consecutive chosen samples."""
 
-    def made() -> Flags:
+    def all_samples() -> Flags:
         v = motion.states(motion.recorded.t)[2:]
         slow = (np.minimum(np.abs(v[:, 1:]), np.abs(v[:, :-1])) < limit) | (v[:, 1:] * v[:, :-1] < 0)
         return np.asarray(slow.any(axis=0))
 
-    return np.asarray(np.logical_or.reduceat(motion.once(('slow', limit), made), chosen[:-1]))
+    return np.asarray(np.logical_or.reduceat(motion.once(('slow', limit), all_samples), chosen[:-1]))
 
 
 def _at_rest(motion: Motion, limit: Array, still: float) -> Flags:
-    """Return of each sample whether both joints stay within a limit [rad] for about some time [s] to both sides."""
+    """Return whether both joints move by at most a limit [rad] within about ``still`` [s] around each sample."""
     t, q = motion.recorded.t, motion.recorded.q
     block = ((t - t[0]) / still).astype(int)
     first = np.flatnonzero(np.append(True, np.diff(block) > 0))
@@ -250,7 +251,7 @@ def _at_rest(motion: Motion, limit: Array, still: float) -> Flags:
 
 
 class Unknown(NamedTuple):
-    """One unknown of an effect: its size, bounds, and where it starts."""
+    """One unknown of an effect: its scale, bounds, and initial value."""
 
     scale: float
     lower: float
@@ -260,13 +261,13 @@ class Unknown(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """What an effect adds to the model.
+    """The extension of the model by one effect.
 
     Attributes:
-        unknowns: E of them.
-        terms: torques, the coefficients of which are the first unknowns.
-        shape: changes the recorded torque or the recorded angles by the other unknowns.
-        width: joints whose dry friction changes its sign over a width that is one of the last unknowns.
+        unknowns: the E unknowns of the effect.
+        terms: additional torques, whose coefficients are the first unknowns.
+        shape: change of the recorded torque or the recorded angles by the other unknowns.
+        width: joints for which the width of the change of sign of dry friction is an unknown, the last ones.
     """
 
     unknowns: tuple[Unknown, ...]
@@ -277,7 +278,7 @@ class Extension:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """J of each block of time, its slope and expected information, of P unknowns: (B,), (B, P), (B, P, P)."""
+    """J of each block of time, with slope and expected information by P unknowns: (B,), (B, P), (B, P, P)."""
 
     costs: Array
     slopes: Array
@@ -285,7 +286,7 @@ class Evaluation:
 
 
 class _Shaped(NamedTuple):
-    """Motions under the shapes of effects, and what the filters read of them, see :meth:`FilterData.positions`."""
+    """Motions changed by effects, with initial states and positions, see :meth:`FilterData.positions`."""
 
     motions: tuple[Motion, ...]
     start: Array
@@ -294,7 +295,7 @@ class _Shaped(NamedTuple):
 
 @dataclass(frozen=True)
 class Likelihood:
-    """J as a function of x: theta (14), delay, both offsets, effects, and at each level log r and log sigma."""
+    """J as a function of x: theta (14), delay, offsets, effects, and log noise (position, torque) at each level."""
 
     filter_data: FilterData
     effects: tuple[Extension, ...] = ()
@@ -302,53 +303,53 @@ class Likelihood:
     _shaped: dict[bytes, _Shaped] = field(default_factory=dict, repr=False)
 
     def of(self, filter_data: FilterData) -> Likelihood:
-        """Return the same function of other filter data."""
+        """Return the likelihood of other filter data, with the same effects."""
         return replace(self, filter_data=filter_data, _shaped={})
 
     @property
     def levels(self) -> int:
-        """At how many intervals the recordings are read."""
+        """The number of sampling intervals K."""
         return len(self.filter_data.settings.intervals)
 
     @property
     def shared(self) -> int:
-        """How many unknowns all levels share."""
+        """The number of unknowns that all levels share."""
         return SHARED + sum(len(e.unknowns) for e in self.effects)
 
     @property
     def size(self) -> int:
-        """P."""
+        """The number of unknowns P."""
         return self.shared + 4 * self.levels
 
     def _vectors(self, lanes: Array) -> tuple[Samples, Vectors, tuple[Term, ...]]:
-        """Return what the filters need of lanes of unknowns, shape (P, L)."""
+        """Return the inputs of the filters for L vectors of unknowns, shape (P, L)."""
         count, levels = lanes.shape[1], self.levels
         width = np.full((2, count), SIGN_WIDTH)
         terms: list[Term] = []
         coefficients, shapes = [], []
-        at = SHARED
+        first = SHARED
         for effect in self.effects:
-            own = lanes[at : at + len(effect.unknowns)]
-            at += len(effect.unknowns)
+            unknowns = lanes[first : first + len(effect.unknowns)]
+            first += len(effect.unknowns)
             n = len(effect.terms)
             terms += effect.terms
-            coefficients.append(own[:n])
+            coefficients.append(unknowns[:n])
             if effect.shape is not None:
-                shapes.append((effect.shape, own[n:]))
+                shapes.append((effect.shape, unknowns[n:]))
             for k, joint in enumerate(effect.width):
-                width[joint] = own[n + k]
+                width[joint] = unknowns[n + k]
         tables: dict[bytes, tuple[int, int]] = {}
-        keys = np.vstack([lanes[14], *(own for _, own in shapes)])
+        keys = np.vstack([lanes[14], *(unknowns for _, unknowns in shapes)])
         table = np.empty(count, dtype=np.int64)
         for lane in range(count):
             table[lane], _ = tables.setdefault(keys[:, lane].tobytes(), (len(tables), lane))
-        made = [self._shaped_by([(shape, own[:, lane]) for shape, own in shapes]) for _, lane in tables.values()]
+        shaped = [self._shaped_by([(f, unknowns[:, lane]) for f, unknowns in shapes]) for _, lane in tables.values()]
         delays = [float(lanes[14, lane]) for _, lane in tables.values()]
         samples = replace(
             self.filter_data.samples,
-            start=np.stack([each.start for each in made]),
-            tau=np.stack([self.filter_data.torques(m.motions, d) for m, d in zip(made, delays, strict=True)]),
-            y=np.stack([each.y for each in made]),
+            start=np.stack([s.start for s in shaped]),
+            tau=np.stack([self.filter_data.torques(s.motions, d) for s, d in zip(shaped, delays, strict=True)]),
+            y=np.stack([s.y for s in shaped]),
         )
         noise = np.exp(2 * lanes[self.shared :].reshape(levels, 4, count))
         vectors = Vectors(
@@ -362,19 +363,19 @@ class Likelihood:
         return samples, vectors, tuple(terms)
 
     def _shaped_by(self, shapes: Sequence[tuple[Shape, Array]]) -> _Shaped:
-        """Return the motions under some shapes; those of the last calls are kept."""
-        key = b''.join(own.tobytes() for _, own in shapes)
+        """Return the motions changed by effects, from a cache of recent results."""
+        key = b''.join(unknowns.tobytes() for _, unknowns in shapes)
         if key not in self._shaped:
             if len(self._shaped) > 30:
                 self._shaped.clear()
             motions = self.filter_data.motions
-            for shape, own in shapes:
-                motions = tuple(shape(motion, own) for motion in motions)
+            for shape, unknowns in shapes:
+                motions = tuple(shape(motion, unknowns) for motion in motions)
             self._shaped[key] = _Shaped(motions, *self.filter_data.positions(motions))
         return self._shaped[key]
 
     def innovations(self, x: Array) -> tuple[Array, Array]:
-        """Return innovations and their scales squared, shapes (N, 2)."""
+        """Return the innovations [rad] and their squared scales [rad^2], shapes (N, 2)."""
         e, s = innovations(*self._vectors(x[:, None]))
         return e[:, :, 0], s[:, :, 0]
 
@@ -395,18 +396,18 @@ class Likelihood:
 
     @np.errstate(all='ignore')
     def evaluate(self, x: Array, free: Flags) -> Evaluation:
-        """Return J with its slopes and information, by differences, of those unknowns that are free."""
+        """Return J, and slopes and information by the free unknowns, from finite differences."""
         filter_data, nu = self.filter_data, self.filter_data.settings.freedom
         shared = np.flatnonzero(free[: self.shared])
         steps = 1e-5 * self.scale[shared]
         lanes = np.repeat(x[:, None], 1 + len(shared) + 4, axis=1)
         lanes[shared, 1 + np.arange(len(shared))] += steps
-        own = self.shared + np.arange(4 * self.levels).reshape(self.levels, 4)
-        for k in range(4):  # of all levels at once: a filter knows no noise but its own
-            lanes[own[:, k], 1 + len(shared) + k] += 1e-5
+        noise = self.shared + np.arange(4 * self.levels).reshape(self.levels, 4)
+        for k in range(4):  # of all levels at once: a filter depends only on the noise of its level
+            lanes[noise[:, k], 1 + len(shared) + k] += 1e-5
         e, s = innovations(*self._vectors(lanes))
         by = np.concatenate([steps, np.full(4, 1e-5)])
-        de, ds = (each[:, :, 1:] - each[:, :, :1] for each in (e, s))
+        de, ds = (values[:, :, 1:] - values[:, :, :1] for values in (e, s))
         e, s = e[:, :, 0], s[:, :, 0]
         costs = self._costs(e, s)
         w = np.broadcast_to(filter_data.weight[:, None] / self.levels, e.shape)
@@ -419,7 +420,7 @@ class Likelihood:
         count = len(filter_data.owner)
         slopes, informations = np.zeros((count, self.size)), np.zeros((count, self.size, self.size))
         for g, rows in enumerate(filter_data.rows):
-            index = np.concatenate([shared, own[filter_data.samples.level[g]]])
+            index = np.concatenate([shared, noise[filter_data.samples.level[g]]])
             square = np.ix_(index, index)
             first = rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[rows])) + 1)
             for part in map(slice, first, [*first[1:], rows.stop]):
@@ -433,7 +434,7 @@ class Likelihood:
         return Evaluation(costs, slopes, informations)
 
     def prior(self, x: Array) -> float:
-        """Return what the offsets cost."""
+        """Return the part of J by the prior of the offsets."""
         return float((x[15:17] ** 2).sum() / self.filter_data.settings.offset**2 / 2)
 
 
@@ -446,16 +447,16 @@ def fitted_information(likelihood: Likelihood, evaluation: Evaluation, x: Array)
 
 @dataclass(frozen=True, slots=True)
 class LikelihoodFit:
-    """Where Fisher scoring came to rest.
+    """The minimum of J by Fisher scoring.
 
     Attributes:
         x: the unknowns, shape (P,).
-        free: those that are sought and lie on no bound, shape (P,).
+        free: whether each unknown is estimated and not on a bound, shape (P,).
         cost: J with the prior.
-        evaluation: at x.
+        evaluation: of J at x.
         information: of all recordings and the prior, shape (P, P).
-        iterations: how many it took.
-        converged: whether nothing was left to gain.
+        iterations: number of scoring steps.
+        converged: whether the predicted gain of another step is negligible.
     """
 
     x: Array
@@ -480,18 +481,18 @@ def fit(
 
     Args:
         likelihood: J.
-        x: where to start, shape (P,).
-        lower: bounds; equal ones hold an unknown.
-        upper: likewise.
-        iterations: at most.
-        tolerance: stop when a step is predicted to gain less than this; 0.5 is about one standard error.
+        x: initial values, shape (P,).
+        lower: lower bounds; equal bounds fix an unknown.
+        upper: upper bounds.
+        iterations: largest number of scoring steps.
+        tolerance: predicted gain of a step at which the iteration stops; 0.5 is about one standard error.
         progress: called with J after every iteration.
     """
-    sought = lower < upper
+    estimated = lower < upper
     x = repaired(np.clip(x, lower, upper))
     damping, converged, number = 1e-3, False, 0
-    reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # of noise: e times at once
-    now = likelihood.evaluate(x, sought)
+    reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # noise changes by a factor of e at most
+    now = likelihood.evaluate(x, estimated)
     cost = float(now.costs.sum()) + likelihood.prior(x)
     if not np.isfinite(cost) or not np.isfinite(now.informations).all():
         raise FloatingPointError
@@ -501,13 +502,13 @@ def fit(
             break
         for _ in range(12):
             step, gain = bounded_step(
-                information, slope, damping, np.maximum(lower - x, -reach), np.minimum(upper - x, reach), sought
+                information, slope, damping, np.maximum(lower - x, -reach), np.minimum(upper - x, reach), estimated
             )
             if gain < tolerance:
                 converged = True
                 break
             trial = repaired(x + step)
-            after = likelihood.evaluate(trial, sought)
+            after = likelihood.evaluate(trial, estimated)
             value = float(after.costs.sum()) + likelihood.prior(trial)
             if value < cost - 0.01 * gain and np.isfinite(after.informations).all():
                 break
@@ -524,15 +525,15 @@ def fit(
         if progress is not None:
             progress(cost)
     margin = 1e-9 * np.maximum(upper - lower, 0)
-    free = sought & (x > lower + margin) & (x < upper - margin)
+    free = estimated & (x > lower + margin) & (x < upper - margin)
     return LikelihoodFit(x, free, cost, now, information, number, converged)
 
 
 def bounded_step(
-    information: Array, slope: Array, damping: float, low: Array, high: Array, sought: Flags
+    information: Array, slope: Array, damping: float, low: Array, high: Array, estimated: Flags
 ) -> tuple[Array, float]:
-    """Return the damped scoring step within bounds, and by how much J should fall."""
-    index, step = np.flatnonzero(sought & (np.diag(information) > 0)), np.zeros(len(slope))
+    """Return the damped scoring step within bounds, and the predicted decrease of J."""
+    index, step = np.flatnonzero(estimated & (np.diag(information) > 0)), np.zeros(len(slope))
     if not index.size:
         return step, 0.0
     H, g = information[np.ix_(index, index)], slope[index]

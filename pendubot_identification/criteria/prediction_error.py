@@ -1,15 +1,15 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Open-loop prediction errors: recordings are simulated from their smoothed states on, again and again.
+"""Open-loop prediction errors of many simulations that start at smoothed states of recordings.
 
 As a criterion, with the composite likelihood's quadratic approximation as prior:
 
     J = (theta - theta1)' A (theta - theta1) / 2 + g' (theta - theta1) + kappa eps sum[ log S + (r / S)^2 / 2 ]
 
-r is the error of each state after each horizon, S its scale, the product of one number for each state and horizon and
-one for each recording, so that one odd recording cannot dominate. eps counts overlapping simulations as independent
-once each longest horizon.
+r is the error of each state after each horizon. S is its scale: a factor of each state and horizon times a factor of
+each recording, so that no recording dominates. eps is the number of independent simulations, one per longest horizon,
+over the number of overlapping ones.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from pendubot_identification.trajectories.motion import Motion, root_mean_square
 
 from .likelihood import FilterData, bounded_step
 
-#: Runge-Kutta step [s], which divides all horizons; stiff friction needs parts of it.
+#: Runge-Kutta step [s], a divisor of all horizons; stiff friction needs substeps.
 STEP = 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class PredictionSettings:
-    """What is simulated, and how much it counts.
+    """The simulations, and their weight beside the prior.
 
     Attributes:
-        horizons: [s].
-        stride: from one start to the next [s].
+        horizons: prediction horizons [s].
+        stride: time from one start to the next [s].
         weight: kappa; a magnitude adjustment of the composite likelihood gives .07 to .8, median .27.
-        shrinkage: so many independent simulations hold each recording's scale at 1.
-        alternations: of scales and parameters.
-        steps: between them.
-        tolerance: an alternation that lowers J by less is the last.
+        shrinkage: weight of a prior scale of 1 for each recording, in independent simulations.
+        alternations: largest number of alternations between scales and parameters.
+        steps: largest number of Gauss-Newton steps in an alternation.
+        tolerance: least decrease of J in an alternation before another one.
     """
 
     horizons: tuple[float, ...] = (0.1, 0.25, 0.5)
@@ -61,13 +61,13 @@ class Simulations:
     """L simulations from smoothed states.
 
     Attributes:
-        recording: the number of the recording of each, shape (L,).
-        t: when each begins [s], shape (L,).
-        start: states there, shape (4, L).
+        recording: index of the recording of each simulation, shape (L,).
+        t: time of each start [s], shape (L,).
+        start: initial states, shape (4, L).
         end: smoothed states at every horizon, shape (H, 4, L).
-        substeps: into how many steps :data:`STEP` is divided.
+        substeps: number of parts of :data:`STEP`.
         tau: mean torques of every step, shape (2, K, L).
-        at: the step at which each horizon ends.
+        at: number of steps of each horizon.
     """
 
     recording: NDArray[np.intp]
@@ -88,7 +88,7 @@ class Simulations:
         horizons: Sequence[float],
         stride: float,
     ) -> Simulations:
-        """Cut all simulations whose longest horizon lies within a recording, in steps that suit theta, shape (D,)."""
+        """Prepare all simulations whose horizons lie within a recording, with substeps for theta, shape (D,)."""
         parts = substeps(Parameters.from_vector(theta), root_mean_square_torque(motions), STEP)
         at = tuple(round(horizon / STEP) * parts for horizon in horizons)
         numbers, times, starts, ends, tau = [], [], [], [], []
@@ -125,15 +125,15 @@ class Simulations:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFit:
-    """Where the criterion is least.
+    """The minimum of the criterion.
 
     Attributes:
         theta: shape (D,).
         information: of the prior and the errors, shape (D, D).
         slopes: of each block's errors, shape (B, D).
-        informations: likewise, shape (B, D, D).
-        scale: S of each state and horizon, shape (H, 4).
-        factor: S of each recording, shape (R,).
+        informations: of each block's errors, shape (B, D, D).
+        scale: factor of S of each state and horizon, shape (H, 4).
+        factor: factor of S of each recording, shape (R,).
     """
 
     theta: Array
@@ -156,10 +156,10 @@ def refine(
     filter_data: FilterData,
     settings: PredictionSettings | None = None,
 ) -> PredictionFit:
-    """Minimise the prediction errors near the composite likelihood's answer.
+    """Minimise the prediction errors, with the composite likelihood as prior.
 
     Raises:
-        TrajectoryError: all recordings are shorter than the longest horizon, or a simulation is lost.
+        TrajectoryError: all recordings are shorter than the longest horizon, or a simulation diverges.
 
     Args:
         motions: R recordings.
@@ -169,7 +169,7 @@ def refine(
         delay: of the effort [s].
         offset: of the positions [rad], shape (2,).
         bounds: of theta.
-        filter_data: of the same recordings, for their blocks of time.
+        filter_data: of the same recordings, which defines the blocks of time.
         settings: see :class:`PredictionSettings`.
     """
     settings = settings or PredictionSettings()
@@ -191,7 +191,7 @@ def refine(
     return PredictionFit(theta, informations.sum(axis=0) + prior, slopes, informations, *scaled)
 
 
-#: Of each state and horizon, shape (H, 4), and of each recording, shape (R,).
+#: Factors of S of each state and horizon, shape (H, 4), and of each recording, shape (R,).
 _Scales = tuple[Array, Array]
 
 
@@ -211,7 +211,7 @@ class _Criterion:
 
     @property
     def eps(self) -> float:
-        """Kappa eps."""
+        """The product kappa eps."""
         settings = self.settings
         return settings.weight * self.duration / max(settings.horizons) / len(self.simulations.t)
 
@@ -219,13 +219,13 @@ class _Criterion:
         """Return the scales of the errors at theta."""
         r, number, count = self.simulations.errors(theta)[0], self.simulations.recording, self.recordings
         simulations = np.bincount(number, minlength=count)
-        own = simulations * self.eps / self.settings.weight  # independent ones
+        independent = simulations * self.eps / self.settings.weight
         factor = np.ones(count)
         for _ in range(self.settings.alternations):
             scale = np.maximum(np.sqrt(((r / factor[number]) ** 2).mean(axis=2)), 1e-12)
             z = ((r / scale[:, :, None]) ** 2).mean(axis=(0, 1))
             mean = np.bincount(number, z, minlength=count) / np.maximum(simulations, 1)
-            factor = np.sqrt((own * mean + self.settings.shrinkage) / (own + self.settings.shrinkage))
+            factor = np.sqrt((independent * mean + self.settings.shrinkage) / (independent + self.settings.shrinkage))
         return scale, factor
 
     def _scaled(self, theta: Array, scales: _Scales) -> tuple[Array, Array]:
@@ -233,7 +233,7 @@ class _Criterion:
         return r / scales[0][:, :, None] / scales[1][self.simulations.recording], states
 
     def value(self, theta: Array, scales: _Scales) -> float:
-        """Return J without the logarithms; infinite where a simulation is lost."""
+        """Return J without the logarithms; infinite if a simulation diverges."""
         z, _ = self._scaled(theta, scales)
         step = theta - self.first
         cost = float(step @ self.prior @ step / 2 + self.pull @ step + self.eps / 2 * (z * z).sum())
@@ -246,9 +246,9 @@ class _Criterion:
         by = self.simulations.derivatives(theta, states) / scales[0][:, :, None, None] / scales[1][number]
         slopes, informations = np.zeros((self.blocks, size)), np.zeros((self.blocks, size, size))
         edges = np.searchsorted(self.block, np.arange(self.blocks + 1))
-        for k, own in enumerate(map(slice, edges, edges[1:])):
-            rows = np.moveaxis(by[..., own], 2, -1).reshape(-1, size)
-            slopes[k] = self.eps * rows.T @ z[..., own].reshape(-1)
+        for k, lanes in enumerate(map(slice, edges, edges[1:])):
+            rows = np.moveaxis(by[..., lanes], 2, -1).reshape(-1, size)
+            slopes[k] = self.eps * rows.T @ z[..., lanes].reshape(-1)
             informations[k] = self.eps * rows.T @ rows
         if not np.isfinite(informations).all():
             raise TrajectoryError('no simulation follows this motion with these parameters; choose another window')
@@ -256,8 +256,8 @@ class _Criterion:
 
 
 def _descend(criterion: _Criterion, theta: Array, scales: _Scales, bounds: Bounds) -> tuple[Array, float]:
-    """Return theta after a few Gauss-Newton steps, and by how much they lowered J."""
-    settings, sought = criterion.settings, bounds.lower < bounds.upper
+    """Return theta after a few Gauss-Newton steps, and their decrease of J."""
+    settings, free = criterion.settings, bounds.lower < bounds.upper
     begin = cost = criterion.value(theta, scales)
     damping = 1e-3
     for _ in range(settings.steps):
@@ -265,7 +265,7 @@ def _descend(criterion: _Criterion, theta: Array, scales: _Scales, bounds: Bound
         slope = slopes.sum(axis=0) + criterion.prior @ (theta - criterion.first) + criterion.pull
         information = informations.sum(axis=0) + criterion.prior
         for _ in range(8):
-            step, gain = bounded_step(information, slope, damping, bounds.lower - theta, bounds.upper - theta, sought)
+            step, gain = bounded_step(information, slope, damping, bounds.lower - theta, bounds.upper - theta, free)
             trial = repaired(theta + step)
             after = criterion.value(trial, scales) if gain > 0.01 * settings.tolerance else np.inf
             if after < cost or gain <= 0.01 * settings.tolerance:

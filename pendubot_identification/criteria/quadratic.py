@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A least-squares criterion reduced once by QR: its value and its exact minimum, whatever the number of samples."""
+"""A least-squares criterion reduced by QR: values and exact minimum at a cost independent of the sample count."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, Bounds, coupling_excess
 
-#: The model by which the search box is sized, up to how many default ones it may be large, and in which part of it the
-#: least-squares answer lies.
+#: The model for the size of the search box, the largest factor of the default size, and the part of the box that
+#: contains the least-squares solution.
 SIZING, LARGEST_RIG, INNER = 'rotor', 1e6, 0.5
-#: Rows that are factorised at once: they stay in a cache, and none of them is worth a thread.
+#: Number of rows of one factorisation, which fits into the cache and starts no threads.
 BLOCK = 256
 
 
@@ -30,8 +30,8 @@ class Quadratic:
     """J(theta) = |phi theta - y|^2 / N, held as the R factor of the QR factorisation of [phi, y]."""
 
     r_factor: Array  #: shape (D+1, D+1), upper triangular.
-    count: int  #: N, the number of residuals it stands for.
-    #: What an indefinite mass matrix costs, see :class:`Penalised`.
+    count: int  #: N, the number of residuals.
+    #: Weight of the penalty for an indefinite mass matrix, see :class:`Penalised`.
     worth: ClassVar[float] = 0.0
 
     @classmethod
@@ -70,14 +70,14 @@ class Quadratic:
 
     @property
     def root(self) -> Array:
-        """The R factor over the root of N: J is |root [theta, -1]|^2."""
+        """The R factor over the square root of N: J is |root [theta, -1]|^2."""
         return self.r_factor / math.sqrt(self.count)
 
     def __call__(self, theta: ArrayLike) -> Array:
         """Return J for parameter vectors of shape (..., D), as an array of shape (...).
 
-        Column by column: a BLAS adds in an order of its own on every processor, and the same seed would not give the
-        same result.
+        The sum is by columns: in BLAS, the order of addition depends on the processor, so that the same seed
+        would give different results.
         """
         vectors = np.asarray(theta, dtype=float)
         x = np.ascontiguousarray(vectors.reshape(-1, vectors.shape[-1]).T)
@@ -90,9 +90,9 @@ class Quadratic:
     def minimum(self, bounds: Bounds) -> Array:
         """Return the exact minimiser, shape (D,), within the bounds and where M(q) is positive definite for every q.
 
-        That is |P3| <= c sqrt(P1 P2), c = :data:`.parameters.LARGEST_COUPLING`, a convex cone, for bounds whose names
-        begin with P1, P2, P3; for others the bounds alone count. For a given s = P1 / P2 the cone is linear, and
-        bounded-variable least squares is exact; as all is convex, J has but one valley over s.
+        If the names of the bounds begin with P1, P2, P3, the minimiser lies in the convex cone |P3| <= c sqrt(P1 P2),
+        c = :data:`.parameters.LARGEST_COUPLING`. For a given s = P1 / P2 the cone is linear, and bounded-variable least
+        squares is exact. As the problem is convex, J has one valley over s.
 
         Raises:
             ParameterError: no P1, P2, P3 within the bounds lie in the cone.
@@ -106,22 +106,22 @@ class Quadratic:
         def best(logarithm: float) -> Array:
             return self._of_ratio(math.exp(min(max(logarithm, low), high)), side, bounds)
 
-        # Far from the valley J may be level, with P1 = P2 = P3 = 0. The second search is for the last digits, where J
-        # has an edge.
+        # Far from the valley J may be constant, with P1 = P2 = P3 = 0. The second search gives the last digits of a
+        # minimum at a kink of J.
         coarse = np.linspace(low, high, math.ceil(high - low) + 2)
-        at = float(coarse[np.argmin([self(best(x)) for x in coarse])])
+        optimum = float(coarse[np.argmin([self(best(x)) for x in coarse])])
         for reach in (1.0, 1e-6):
-            centre = at
+            centre = optimum
 
             def offset_costs(offset: float, centre: float = centre) -> float:
                 return float(self(best(centre + offset)))
 
             how = {'bounds': (-reach, reach), 'method': 'bounded', 'options': {'xatol': 1e-9 * reach}}
-            at = centre + min(0.0, minimize_scalar(offset_costs, **how).x, key=offset_costs)
-        return np.clip(best(at), bounds.lower, bounds.upper)
+            optimum = centre + min(0.0, minimize_scalar(offset_costs, **how).x, key=offset_costs)
+        return np.clip(best(optimum), bounds.lower, bounds.upper)
 
     def minimum_in_box(self, bounds: Bounds) -> Array:
-        """Return the exact minimiser within the bounds, whatever the mass matrix, shape (D,)."""
+        """Return the exact minimiser within the bounds, with any mass matrix, shape (D,)."""
         return self._within(bounds.lower, bounds.upper, np.eye(len(bounds.lower)))
 
     def _of_ratio(self, s: float, side: float, bounds: Bounds) -> Array:
@@ -134,7 +134,7 @@ class Quadratic:
         theta = self._within(lower, upper, directions)
         if not _coupled(theta):
             return theta
-        # The cone is active: P3 goes with P2 as well.
+        # The cone is active: P3 is proportional to P2 as well.
         coupling = side * LARGEST_COUPLING * math.sqrt(s)
         directions[2, 0] = coupling
         nearest, farthest = sorted((lower[1] / coupling, upper[1] / coupling))
@@ -145,12 +145,12 @@ class Quadratic:
         """Return the minimiser among ``directions @ x``, lower <= x <= upper (bounded-variable least squares)."""
         phi = self.phi @ directions
         scale = _column_scale(phi)
-        above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # closed, or reversed by a rounding error
+        above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # equal, or reversed by a rounding error
         x = lsq_linear(phi / scale, self.y, (lower * scale, above * scale), 'bvls', tol=1e-15).x
         return np.asarray(directions @ np.clip(x / scale, lower, upper))
 
     def free_minimum(self) -> Array:
-        """Return the minimiser without bounds, shape (D,); the smallest one where many are as good."""
+        """Return the minimiser without bounds, shape (D,); the smallest one if it is not unique."""
         scale = _column_scale(self.phi)
         return np.asarray(np.linalg.lstsq(self.phi / scale, self.y, rcond=None)[0] / scale)
 
@@ -160,10 +160,10 @@ class Quadratic:
         return float(singular[0] / singular[-1]) if singular[-1] > 0 else float('inf')
 
     def undetermined(self, tolerance: float) -> Flags:
-        """Return whether the data do not determine each parameter, shape (D,).
+        """Return which parameters the data do not determine, shape (D,).
 
-        Its column is zero, or it takes part in a combination of parameters (of columns scaled to one) to which the
-        residuals respond ``tolerance`` times less than to the strongest one.
+        Their column is zero, or they are part of a singular vector, of columns scaled to one. Its singular value is at
+        most ``tolerance`` times the largest.
         """
         _, singular, right = np.linalg.svd(self.phi / _column_scale(self.phi))
         lost = np.abs(right[singular <= tolerance * singular[0]]).max(axis=0, initial=0.0) > 0.1
@@ -172,21 +172,21 @@ class Quadratic:
 
 @dataclass(frozen=True, slots=True)
 class Penalised:
-    """What an optimiser that knows boxes alone minimises: a criterion, and the price of an indefinite mass matrix."""
+    """A criterion plus a penalty for an indefinite mass matrix, for an optimiser that has only bounds."""
 
     criterion: Quadratic  #: of parameter vectors that begin with P1, P2, P3.
-    worth: float  #: of an excess of 1, see :func:`.parameters.coupling_excess`.
+    worth: float  #: weight of the penalty :func:`.parameters.coupling_excess`.
 
     @classmethod
     def of(cls, criterion: Quadratic) -> Penalised:
-        """Make an excess of 1 cost as much as a rig that does not move at all."""
+        """Return the criterion with J at zero parameters as the weight of the penalty."""
         return cls(criterion, float(criterion(np.zeros_like(criterion.y))))
 
     def __call__(self, theta: Array) -> Array:
         """Return values for parameter vectors of shape (..., D), shape (...)."""
         value, theta = self.criterion(theta), np.asarray(theta, dtype=float)
         P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
-        # Roots and quotients are slow, and most vectors are clear of it.
+        # The penalty is slow, and zero for most vectors.
         coupled = (P3 * P3 >= 0.9 * P1 * P2) | (P1 <= 0)
         if coupled.any():
             value[coupled] += self.worth * coupling_excess(theta[coupled])
@@ -194,7 +194,7 @@ class Penalised:
 
     @property
     def root(self) -> Array:
-        """The criterion's."""
+        """The root of the criterion."""
         return self.criterion.root
 
 
@@ -210,13 +210,13 @@ def _coupled(theta: Array) -> bool:
 
 
 def _ratios(bounds: Bounds, side: float) -> tuple[float, float]:
-    """Return the least and the greatest logarithm of P1 / P2 that leave a P3 on this side its place in the cone."""
+    """Return the least and the greatest log(P1 / P2) for which the cone contains a P3 of this sign in its bounds."""
     P1, P2 = bounds.upper[:2]
     P3 = max(0.0, bounds.lower[2] if side > 0 else -bounds.upper[2]) / LARGEST_COUPLING
     if P1 <= 0 or P2 <= 0 or P3**2 >= P1 * P2:
         raise ParameterError(
-            f'within their bounds P1 and P2 are at most {P1:g} and {P2:g}, which leaves no place for P3 of at least '
-            f'{P3 * LARGEST_COUPLING:g} in a mass matrix that is positive definite; widen the bounds'
+            f'within their bounds P1 and P2 are at most {P1:g} and {P2:g}, which excludes P3 of at least '
+            f'{P3 * LARGEST_COUPLING:g} in a positive definite mass matrix; widen the bounds'
         )
     P3 = max(P3, 1e-5 * math.sqrt(P1 * P2))
     least = max(bounds.lower[0] / P2, (P3 / P2) ** 2)
@@ -225,7 +225,7 @@ def _ratios(bounds: Bounds, side: float) -> tuple[float, float]:
 
 
 def _r_factor(rows: Array) -> Array:
-    """Return the R factor of a QR factorisation, of blocks first and then of their R factors."""
+    """Return the R factor of a QR factorisation, by blocks and then of their R factors."""
     width = rows.shape[1]
     block = max(BLOCK, 4 * width)
     total = len(rows) // block
@@ -239,9 +239,9 @@ def _r_factor(rows: Array) -> Array:
 
 
 def box_factor(bounds: Bounds, criterion: Quadratic) -> float:
-    """Return the power of ten by which default bounds must grow for a rig, 1 if they hold it.
+    """Return the power of ten, at least 1, by which default bounds must grow for a rig.
 
-    With these, the minimum of a least-squares criterion of the model :data:`SIZING` lies in the inner half of them.
+    The minimum of the least-squares criterion, of the model :data:`SIZING`, then lies in their inner half.
     """
     wide, default = (bounds.scaled(factor).of(MODELS[SIZING]) for factor in (LARGEST_RIG, 1.0))
     theta = criterion.minimum_in_box(wide)

@@ -3,8 +3,8 @@
 
 """The weak criterion: residuals of both joints' momentum and of energy, under smooth test functions.
 
-Each residual says that a function of the state, p, changes by what is done to it. Multiplied with a test function w(t)
-that is zero at both ends and integrated, the change becomes ``- integral of w' p dt``: no acceleration appears.
+Each residual is the rate p' of a function of the state minus the forces or the power that cause it. Multiplied by a
+test function w(t) that is zero at both ends, and integrated by parts, p' becomes ``- integral of w' p dt``.
 
     - integral w' p_i dt - integral w dL/dq_i dt = integral w (tau_i - friction_i) dt        for both joints
     - integral w' E dt = integral w (tau - friction) q' dt
@@ -12,9 +12,9 @@ that is zero at both ends and integrated, the change becomes ``- integral of w' 
     p1 = (P1 + P2 + 2 P3 c2) q1' + (P2 + P3 c2) q2'     dL/dq1 = -G1
     p2 = (P2 + P3 c2) q1' + (P2 + J2) q2'               dL/dq2 = -P3 s2 q1' (q1' + q2') - G2
 
-All of this is linear in theta. The integrals are sums of the weak-form residuals of short cells of time, weighted with
-w in the middle of the cell; summed by parts, that is what stands above (Messenger and Bortz, Multiscale Model. Simul.
-19, 2021).
+All terms are linear in theta. The integrals are sums over short cells of time. The residual of each cell is
+weighted with w in its middle, which is equal by summation by parts (Messenger and Bortz, Multiscale Model. Simul. 19,
+2021).
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ from pendubot_identification.trajectories.motion import Motion
 from .energy import Regression, require_plausible_speed
 from .quadratic import Quadratic
 
-#: Of a test function, from zero to zero [s].
+#: Support of a test function [s].
 WIDTH = 0.3
-#: From one test function to the next [s].
+#: Time from one test function to the next [s].
 STRIDE = 0.01
-#: The longest cell [s]: within it the motion of a bench-top rig is nearly straight.
+#: Longest cell [s], within which the motion of a bench-top rig is nearly linear.
 LONGEST_CELL = 0.005
-#: Of the weak-form residuals of the shoulder's momentum, the elbow's [both N m], and energy [W, divided by about a
-#: rig's speed].
+#: Default weights of the weak-form residuals of the momentum of shoulder and elbow [N m] and of energy [W], which is
+#: divided by a typical speed.
 WEIGHTS = (1.0, 1.0, 1 / 3)
-#: Steps of the first search for a delay [s]: pulses that change from sample to sample make a narrow valley.
+#: Step of the first search for a delay [s]: with pulses that change at every sample the minimum is narrow.
 DELAY_STEP = 0.005
-#: A delay is 0 unless it reduces the residual below this fraction: an effort that hardly changes does not determine it.
+#: A delay is 0 unless it reduces the residual below this fraction: a nearly constant effort does not determine it.
 REDUCED = 0.98
-#: Columns of the largest model that no torque changes; the others are those of k1 and k2.
+#: Number of columns of the largest model that do not depend on a torque: all but k1 and k2.
 STILL = 12
-#: Stride of the test functions in the search for a delay [s]; more of them are hardly more informative.
+#: Stride of the test functions in the search for a delay [s]; a smaller one adds little information.
 DELAY_STRIDE = 0.03
 
 
@@ -68,13 +68,13 @@ def weak_regression(
 ) -> Regression:
     """Return the three weak-form residuals of a motion under each of K test functions, one every ``stride`` [s].
 
-    ``model`` is one of :data:`.parameters.MODELS`; ``delay`` that of the effort [s]: what acts at t is the torque
-    recorded at t - delay; ``weights`` are factors of the three weak-form residuals, see :func:`residual_weights`. Where
-    they are but compared, ``coarse`` sums over the longest cells, however near the samples are.
+    ``model`` is one of :data:`.parameters.MODELS`. ``delay`` is the input delay [s]: the torque recorded at t - delay
+    acts at t. ``weights`` are factors of the three residuals, see :func:`residual_weights`. ``coarse`` sums over the
+    longest cells, which suffices for comparisons.
 
     Returns:
-        3 K residuals [N m; of energy W times its weight] in the order of time, of each test function those of shoulder,
-        elbow, energy. ``phi`` has a column for each of the model's parameters.
+        3 K residuals [N m; of energy W times its weight] in the order of time: shoulder, elbow and energy under each
+        test function. ``phi`` has a column for each parameter of the model.
 
     Raises:
         TrajectoryError: the motion is shorter than the test function, or faster than a rig can be.
@@ -86,12 +86,11 @@ def weak_regression(
 
 
 def residual_weights(regressions: Sequence[Regression], bounds: Bounds) -> Array:
-    """Return the weights that bring the three weak-form residuals to one size, shape (3,).
+    """Return the weights that give the three weak-form residuals the same size, shape (3,).
 
-    Smoothed and quantised velocities spoil the energy, where they enter squared, more than the momenta, and a small
-    elbow's residual would else drown in the shoulder's. The weights are found in turn with the parameters; that of the
-    shoulder stays 1, so that J keeps its unit. ``regressions``: of :func:`weak_regression`, all weights 1, one a
-    recording.
+    Errors of velocities affect the energy, in which they are squared, more than the momenta; and the residual of a
+    small elbow is small. Weights and parameters are estimated in turn. The weight of the shoulder stays 1, so that J
+    keeps its unit. ``regressions``: one for each recording, by :func:`weak_regression` with all weights 1.
     """
     parts = [Quadratic.pool([Quadratic.reduce(r.phi[k::3], r.y[k::3]) for r in regressions]) for k in range(3)]
     least = 1e-10 * max(float(part(np.zeros(len(bounds.names)))) for part in parts) + np.finfo(float).tiny
@@ -112,9 +111,9 @@ def estimate_delay(
     *,
     weights: ArrayLike = WEIGHTS,
 ) -> float:
-    """Return the delay of the effort [s] with which motions of one rig are explained best, from lowest to highest.
+    """Return the delay of the effort [s], from lowest to highest, with the least unexplained fraction of the effort.
 
-    It is negative where the recorded torque lags behind the one that acted.
+    It is negative if the recorded torque lags behind the acting torque.
 
     Raises:
         TrajectoryError: a motion is shorter than the test function and the range of delays together.
@@ -128,19 +127,19 @@ def estimate_delay(
     residuals = [residuals_of(motion) for motion in motions]
 
     def criterion_at(delay: float) -> tuple[Quadratic, float]:
-        """Return the criterion, and the effort in it."""
+        """Return the criterion, and its value at zero parameters: the mean square of the effort."""
         parts = np.stack([each.r_factors(delay) for each in residuals]) * np.reshape(weights, (3, 1, 1))
         rows = parts.reshape(-1, parts.shape[-1])
         criterion = Quadratic.reduce(rows[:, :size], rows[:, -1])
         return criterion, float(criterion(np.zeros(size)))
 
     def unexplained(criterion: Quadratic, effort: float) -> float:
-        # Of a short recording a delay may move the only pulse out of what is compared: then there is less to explain.
+        # In a short recording, a delay may move the only pulse outside the test functions, which reduces the effort.
         return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
 
     delays = np.linspace(lowest, highest, math.ceil((highest - lowest) / DELAY_STEP - 1e-9) + 1)
     criteria = [criterion_at(delay) for delay in delays]
-    # Within bounds no more is explained than without: most delays are ruled out by that.
+    # The residual without bounds is a lower limit, which excludes most delays.
     without = np.array([criterion.floor / effort if effort > 0 else 1.0 for criterion, effort in criteria])
     within = np.full(len(delays), np.inf)
     for k in np.argsort(without):
@@ -159,16 +158,16 @@ def estimate_delay(
 class _TestFunctions:
     """Test functions that cover a motion, and the cells of time over which they are summed."""
 
-    origin: float  #: the motion's start [s].
-    start: float  #: where the first cell begins [s].
-    step: float  #: a cell's length [s].
-    cells: int  #: how many there are.
+    origin: float  #: start of the motion [s].
+    start: float  #: start of the first cell [s].
+    step: float  #: duration of a cell [s].
+    cells: int  #: number of cells.
     weights: Array  #: of the cells under one test function [1/s], with integral 1.
-    stride: int  #: cells from one test function to the next.
+    stride: int  #: number of cells from one test function to the next.
 
     @classmethod
     def cover(cls, motion: Motion, stride: float, lowest: float, highest: float, coarse: bool) -> _TestFunctions:
-        """Cover what is known of a motion for delays of the effort from ``lowest`` to ``highest`` [s]."""
+        """Cover the part of a motion with known torque for all delays from ``lowest`` to ``highest`` [s]."""
         start, end = motion.start + max(highest, 0.0), motion.end + min(lowest, 0.0)
         longest = LONGEST_CELL if coarse else min(motion.interval, LONGEST_CELL)
         per_stride = math.ceil(stride / longest - 1e-9)
@@ -189,22 +188,22 @@ class _TestFunctions:
 
     @property
     def nodes(self) -> Array:
-        """Where cells begin and end [s], shape (cells + 1,)."""
+        """The boundaries of the cells [s], shape (cells + 1,)."""
         return self.start + self.step * np.arange(self.cells + 1.0)
 
     @property
     def centres(self) -> Array:
-        """The test functions' middles [s], shape (K,)."""
+        """The middle of each test function [s], shape (K,)."""
         return self.nodes[:: self.stride][: len(self)] + len(self.weights) * self.step / 2
 
     def columns(self, cells: dict[tuple[int, int], Array], count: int) -> Array:
-        """Return the sums of cells' own integrals, shapes (cells,), by residual and column: shape (K, 3, count)."""
+        """Return the weighted sums, shape (K, 3, count), of cells, shape (cells,), by residual and column."""
         result, (residual, column) = np.zeros((len(self), 3, count)), zip(*cells, strict=True)
         result[:, residual, column] = self._sums(list(cells.values()))
         return result
 
     def _sums(self, cells: Sequence[Array]) -> Array:
-        """Return what every test function makes of n rows of cells, shape (K, n)."""
+        """Return the weighted sum of n rows of cells under every test function, shape (K, n)."""
         # Neighbouring test functions are summed together, by one matrix product.
         under, count = len(self.weights), -(-len(self.weights) // self.stride)
         together, reach = count * self.stride, (count - 1) * self.stride + under
@@ -222,7 +221,7 @@ class _TestFunctions:
 class _WeakResiduals:
     """The three weak-form residuals of a motion under K test functions, for the largest model and any input delay.
 
-    What no delay changes is made once.
+    Columns that do not depend on a torque are computed once.
     """
 
     def __init__(self, motion: Motion, test_functions: _TestFunctions) -> None:
@@ -233,50 +232,49 @@ class _WeakResiduals:
         require_plausible_speed(motion.name, self._nodes, v.T, motion.interval)
         (q1, q2), (v1, v2), v12 = q, v, v.sum(axis=0)
         c2, gravity = np.cos(q2), GRAVITY * np.cos(q1 + q2)
-        sense, stribeck, _ = np.moveaxis(dry_friction_terms(v, np.zeros_like(v)), -1, 0)
-        # By residual and column what changes by what happens meanwhile: every residual is "change of this = integral of
-        # that".
+        sign, stribeck, _ = np.moveaxis(dry_friction_terms(v, np.zeros_like(v)), -1, 0)
+        # By residual and column: every residual is "change of a function of the state = integral of a rate".
         change = {(0, 0): v1, (0, 1): v12, (1, 1): v12, (0, 2): c2 * (v1 + v12), (1, 2): c2 * v1, (1, 9): v2}
         change |= {(2, k): term for k, term in enumerate(energy_terms(q.T, v.T).T)} | {(2, 9): v2**2 / 2}
-        happens = {(1, 2): np.sin(q2) * v1 * v12, (0, 3): GRAVITY * np.cos(q1), (0, 4): gravity, (1, 4): gravity}
-        for first, friction in ((5, v), (7, sense), (10, stribeck)):
-            happens |= {(joint, first + joint): friction[joint] for joint in (0, 1)}
-            happens |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1)}
-        #: The columns that no torque changes, shape (K, 3, STILL).
-        self._still = test_functions.columns({place: np.diff(values) for place, values in change.items()}, STILL)
-        self._still += test_functions.columns(
-            {place: _means(values) * test_functions.step for place, values in happens.items()}, STILL
+        rates = {(1, 2): np.sin(q2) * v1 * v12, (0, 3): GRAVITY * np.cos(q1), (0, 4): gravity, (1, 4): gravity}
+        for first, friction in ((5, v), (7, sign), (10, stribeck)):
+            rates |= {(joint, first + joint): friction[joint] for joint in (0, 1)}
+            rates |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1)}
+        #: The columns that do not depend on a torque, shape (K, 3, STILL).
+        self._fixed = test_functions.columns({place: np.diff(values) for place, values in change.items()}, STILL)
+        self._fixed += test_functions.columns(
+            {place: _means(values) * test_functions.step for place, values in rates.items()}, STILL
         )
-        self._sense, self._sensed = _means(sense), _means(sense * v)
+        self._sign, self._sign_speed = _means(sign), _means(sign * v)
         self._angles = PPoly(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
 
     def r_factors(self, delay: float) -> Array:
         """Return the R factor of the QR factorisation of each residual, shape (3, 15, 15)."""
         if delay not in self._r_factors:
             basis, r_factor = self._factors
-            moved = _by_equation(self._moved(delay))
-            along = basis.transpose(0, 2, 1) @ moved
-            made = np.zeros((3, STILL + 3, STILL + 3))
-            made[:, :STILL, :STILL], made[:, :STILL, STILL:] = r_factor, along
-            made[:, STILL:, STILL:] = np.linalg.qr(moved - basis @ along, mode='r')
-            self._r_factors[delay] = made
+            columns = _by_equation(self._torque_columns(delay))
+            along = basis.transpose(0, 2, 1) @ columns
+            r_factors = np.zeros((3, STILL + 3, STILL + 3))
+            r_factors[:, :STILL, :STILL], r_factors[:, :STILL, STILL:] = r_factor, along
+            r_factors[:, STILL:, STILL:] = np.linalg.qr(columns - basis @ along, mode='r')
+            self._r_factors[delay] = r_factors
         return self._r_factors[delay]
 
     @cached_property
     def _factors(self) -> tuple[Array, Array]:
-        """The QR factorisation of what no torque changes: most of that of all, at any delay."""
-        basis, r_factor = np.linalg.qr(_by_equation(self._still))
+        """The QR factorisation of the columns that do not depend on a torque, for any delay."""
+        basis, r_factor = np.linalg.qr(_by_equation(self._fixed))
         return basis, r_factor
 
     def rows(self, delay: float) -> Array:
-        """Return the columns of all parameters and what the torques do, shape (K, 3, 15)."""
-        return np.concatenate([self._still, self._moved(delay)], axis=2)
+        """Return the columns of all parameters and the right-hand side, shape (K, 3, 15)."""
+        return np.concatenate([self._fixed, self._torque_columns(delay)], axis=2)
 
-    def _moved(self, delay: float) -> Array:
-        """Return the columns that the torques change, of k1 and k2, and what they do, shape (K, 3, 3).
+    def _torque_columns(self, delay: float) -> Array:
+        """Return the columns of k1 and k2, and the impulse and work of the torques, shape (K, 3, 3).
 
-        Within a cell a torque may change from sample to sample. So impulse and work are summed over the parts between
-        its changes: a held torque does the work tau (q[end] - q[start]), whatever the motion in between.
+        A torque may change within a cell. Therefore impulse and work are summed between its changes: a held torque does
+        the work tau (q[end] - q[start]), independent of the motion in between.
         """
         nodes, impulse = self._nodes, self._impulse
         changes = impulse.x + delay
@@ -287,12 +285,12 @@ class _WeakResiduals:
         cells = np.add.reduceat([*pushes, work, *np.abs(pushes)], np.searchsorted(edges, nodes[:-1]), axis=1)
         columns = {(residual, 2): cells[residual] for residual in range(3)}
         for joint, load in enumerate(cells[3:]):
-            columns |= {(joint, joint): self._sense[joint] * load, (2, joint): self._sensed[joint] * load}
+            columns |= {(joint, joint): self._sign[joint] * load, (2, joint): self._sign_speed[joint] * load}
         return self._test_functions.columns(columns, 3)
 
 
 def _by_equation(rows: Array) -> Array:
-    """Return rows of shape (K, 3, C) as (3, K, C), with as many as a QR factorisation of all columns needs."""
+    """Return rows of shape (K, 3, C) as (3, K, C), padded with zeros for a QR factorisation of all columns."""
     return np.asarray(np.pad(rows, ((0, max(0, STILL + 3 - len(rows))), (0, 0), (0, 0))).swapaxes(0, 1))
 
 

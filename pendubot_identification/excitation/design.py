@@ -28,21 +28,21 @@ from .excitation import PulseTrain
 class DesignSettings:
     """The search for a pulse train, and the margins to the limits."""
 
-    #: Segments of the information [s], each with an own initial state: a chaotic motion holds no more.
+    #: Duration of the segments [s], each with its own initial state: chaotic motion is not predictable for longer.
     segment: float = 2.0
-    coarser: float = 4.0  #: The simulation of a rig takes steps that are finer by this factor than a design needs.
+    coarser: float = 4.0  #: Factor of the simulation step: a design needs less accuracy than a virtual rig.
     used: float = 0.9  #: Fraction of the limits that a design uses, because the parameters are estimates.
-    draws: int = 8  #: The final design keeps the limits with so many parameter vectors about the estimate ...
-    spread: float = 0.03  #: ... whose standard deviation is at least this fraction of each parameter.
-    finalists: int = 40  #: Number of best designs that are checked so.
-    beyond: float = 1e6  #: A cost above that of every train within the limits.
-    population: int = 80  #: Of MDE.
-    generations: int = 30  #: Of MDE.
+    draws: int = 8  #: Number of random parameter vectors about the estimate that test the best designs.
+    spread: float = 0.03  #: Least standard deviation of these vectors, as a fraction of each parameter.
+    finalists: int = 40  #: Number of best designs that are tested with these vectors.
+    beyond: float = 1e6  #: A cost above the cost of every train within the limits.
+    population: int = 80  #: Population of MDE.
+    generations: int = 30  #: Generations of MDE.
     seeds: int = 1000  #: Number of seeds of the random torques.
     longest_period: float = 5.0  #: Largest period [s].
     longest_hold: float = 1.0  #: Largest hold [s].
     narrowest: float = 0.02  #: Smallest width, a fraction of the period.
-    digits: int = 3  #: Significant digits of the numbers in the exciter's file.
+    digits: int = 3  #: Significant digits of the numbers in the file of the exciter.
 
 
 SETTINGS = DesignSettings()
@@ -53,14 +53,14 @@ IDENTIFIABLE = NAMES.index('k2')
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """How a motion is recorded.
+    """The conditions under which a motion is recorded.
 
     Raises:
-        ParameterError: such a motion has no information.
+        ParameterError: a value is out of range.
     """
 
-    duration: float = 18.0  #: Of the excitation, from hanging at rest [s].
-    interval: float = 0.01  #: Between samples [s].
+    duration: float = 18.0  #: Duration of the excitation, from hanging at rest [s].
+    interval: float = 0.01  #: Sampling interval [s].
     counts: int = 4000  #: Encoder counts per turn.
 
     def __post_init__(self) -> None:
@@ -78,12 +78,12 @@ class Limits:
     """The limits of a rig.
 
     Raises:
-        ParameterError: a limit that is no positive number.
+        ParameterError: a limit is not a positive number.
     """
 
     torque: float = 1.0  #: Greatest torque, either way [N m].
     speed: float = 30.0  #: Greatest speed of either joint [rad/s].
-    #: How far shoulder and elbow may turn away from hanging, either way [rad].
+    #: Largest angles of shoulder and elbow from hanging, either way [rad].
     angle: tuple[float, float] = (math.inf, math.inf)
 
     def __post_init__(self) -> None:
@@ -95,7 +95,7 @@ class Limits:
     def used(self, speed: Array, angle: Array) -> Array:
         """Return the used fraction of the limits, shape (...), of speeds [rad/s] and angles [rad], shape (2, ...)."""
         allowed = np.reshape(self.angle, (2,) + (1,) * (angle.ndim - 1))
-        # A joint without a limit uses nothing of it, even where the motion is lost to infinity.
+        # A joint without a limit uses 0 of it, even if the simulation diverges.
         turned = np.divide(angle, allowed, out=np.zeros(angle.shape), where=np.isfinite(allowed))
         return np.asarray(np.maximum((speed / self.speed).max(axis=0), turned.max(axis=0)))
 
@@ -105,11 +105,11 @@ class Predicted:
     """The predicted motion and information of an excitation."""
 
     train: PulseTrain
-    #: Of each parameter, from this motion alone and encoder quantization, shape (D,); infinite if not identifiable.
+    #: Standard errors of the parameters by encoder quantization, shape (D,); infinite if not identifiable.
     std_error: Array
     log_information: float  #: Logarithm of the determinant of the information, parameters in units of their values.
     speed: Array  #: Greatest speed of shoulder and elbow [rad/s], shape (2,).
-    angle: Array  #: How far they turn away from hanging [rad], shape (2,).
+    angle: Array  #: Largest angles of shoulder and elbow from hanging [rad], shape (2,).
 
 
 def predict(
@@ -117,7 +117,7 @@ def predict(
 ) -> list[Predicted]:
     """Predict each of several excitations of a rig, from hanging at rest.
 
-    The information of a motion that uses more than a fraction of the ``limits`` is not computed, but zero.
+    The information is zero, and not computed, if a motion exceeds :attr:`DesignSettings.used` of the ``limits``.
 
     Raises:
         ParameterError: the parameters are not physical.
@@ -127,14 +127,14 @@ def predict(
     theta = parameters.vector()
     tau, step = _torques(parameters, trains, experiment)
     states, speed, angle = _simulated(theta, tau, step)
-    wanted = np.isfinite(speed + angle).all(axis=0)
+    valid = np.isfinite(speed + angle).all(axis=0)
     if limits is not None:
-        wanted &= limits.used(speed, angle) <= SETTINGS.used
+        valid &= limits.used(speed, angle) <= SETTINGS.used
     errors, size = np.full((len(trains), len(theta)), np.inf), np.full(len(trains), -np.inf)
-    if wanted.any():
+    if valid.any():
         with np.errstate(all='ignore'):
-            informations = _information(theta, states[:, :, wanted], tau[:, :, wanted], step, experiment)
-        for k, information in zip(np.flatnonzero(wanted), informations, strict=True):
+            informations = _information(theta, states[:, :, valid], tau[:, :, valid], step, experiment)
+        for k, information in zip(np.flatnonzero(valid), informations, strict=True):
             size[k] = _log_determinant(information)
             if np.isfinite(size[k]):
                 errors[k, : len(information)] = np.sqrt(np.diag(np.linalg.inv(information)))
@@ -154,40 +154,40 @@ def design(
     """Return the pulse train of the greatest information, as far as MDE finds it.
 
     Args:
-        parameters: of the rig, as far as they are known.
-        limits: of the rig. They are kept with margins, also by similar rigs: see :class:`DesignSettings`.
-        experiment: how it is recorded.
+        parameters: the estimated parameters of the rig.
+        limits: of the rig, kept with margins, also with similar parameters: see :class:`DesignSettings`.
+        experiment: the conditions of the recording.
         uncertainty: standard errors of the parameters, shape (D,); None: 3 % of each.
-        generations: of MDE.
-        progress: called with the generations done and the best log_information so far.
+        generations: number of generations of MDE.
+        progress: called with the number of generations done and the best log_information so far.
 
     Raises:
         ParameterError: the parameters are not physical.
-        ExcitationError: no pulse train was found that keeps the limits.
+        ExcitationError: no pulse train within the limits was found.
     """
-    found: list[Predicted] = []
+    finalists: list[Predicted] = []
 
     def costs(points: Array) -> Array:
         trains = [_train(u, limits, experiment.interval) for u in points[0]]
         candidates = predict(parameters, trains, experiment, limits)
         informative = [candidate for candidate in candidates if np.isfinite(candidate.log_information)]
-        found[:] = sorted(found + informative, key=lambda each: -each.log_information)[: SETTINGS.finalists]
+        finalists[:] = sorted(finalists + informative, key=lambda p: -p.log_information)[: SETTINGS.finalists]
         return np.array([[_cost(candidate, limits) for candidate in candidates]])
 
     def report(generation: int, _: float) -> None:
         if progress is not None:
-            progress(generation, found[0].log_information if found else math.nan)
+            progress(generation, finalists[0].log_information if finalists else math.nan)
 
     box = Bounds(np.zeros(len(COORDINATES)), np.ones(len(COORDINATES)), COORDINATES)
     settings = MDESettings(SETTINGS.population, generations, per_component=False)
     mde(costs, box, settings, runs=1, progress=report)
-    if not found:
+    if not finalists:
         raise ExcitationError(
             f'no pulses up to {limits.torque:g} N m were found that identify all parameters, stay below '
             f'{limits.speed:g} rad/s and turn the joints by no more than {limits.angle[0]:g} and {limits.angle[1]:g} '
             'rad; allow a greater speed or angle, or a greater or smaller torque'
         )
-    # The first that keeps the limits on all, or on most, of the rigs drawn about the estimate.
+    # Select the best design that keeps the limits with the most of the random parameter vectors.
     theta = parameters.vector()
     spread = np.maximum(
         np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SETTINGS.spread * np.abs(theta)
@@ -195,13 +195,13 @@ def design(
     drawn = theta + spread * np.random.default_rng(1).standard_normal((SETTINGS.draws, len(theta)))
     drawn = np.maximum(drawn, 0.2 * theta)
     drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
-    tau, step = _torques(parameters, [each.train for each in found], experiment)
+    tau, step = _torques(parameters, [finalist.train for finalist in finalists], experiment)
     _, speed, angle = _simulated(drawn.T[:, :, None], tau, step)
-    return found[int(np.argmin((~(limits.used(speed, angle) <= 1)).sum(axis=0)))]
+    return finalists[int(np.argmin((~(limits.used(speed, angle) <= 1)).sum(axis=0)))]
 
 
 def _cost(candidate: Predicted, limits: Limits) -> float:
-    """Return the cost that MDE minimises: within the limits minus the log information, beyond them the excess."""
+    """Return the cost that MDE minimises: minus the log information within the limits, the excess beyond them."""
     if np.isfinite(candidate.log_information):
         return -candidate.log_information
     used = float(limits.used(candidate.speed, candidate.angle))
@@ -209,7 +209,7 @@ def _cost(candidate: Predicted, limits: Limits) -> float:
 
 
 def _train(u: Array, limits: Limits, interval: float) -> PulseTrain:
-    """Return the train at a point of the search, its :data:`COORDINATES` all within 0 to 1."""
+    """Return the pulse train at a point of the search, with all :data:`COORDINATES` from 0 to 1."""
     period = _between(20 * interval, max(SETTINGS.longest_period, 40 * interval), u[0])
     low, high = (min(_rounded(limits.torque * max(a, 1e-3)), limits.torque) for a in u[2:4])
     hold = _between(interval, max(SETTINGS.longest_hold, 2 * interval), u[4])
@@ -220,7 +220,7 @@ def _train(u: Array, limits: Limits, interval: float) -> PulseTrain:
 def _torques(parameters: Parameters, trains: Sequence[PulseTrain], experiment: Experiment) -> tuple[Array, float]:
     """Return the torques of several trains in simulation steps, shape (2, K, C), and a step's length [s].
 
-    They are sampled as the exciter does; steps are parts of a sampling interval, or several of them.
+    They are sampled as by the exciter. A step is a part, or a multiple, of a sampling interval.
     """
     interval, samples = experiment.interval, round(experiment.duration / experiment.interval)
     greatest = max(max(abs(train.amplitude_min), abs(train.amplitude_max)) for train in trains)
@@ -234,23 +234,22 @@ def _torques(parameters: Parameters, trains: Sequence[PulseTrain], experiment: E
 
 
 def _simulated(theta: Array, tau: Array, step: float) -> tuple[Array, Array, Array]:
-    """Return the states from hanging at rest on, shape (K + 1, 4, C), or (K + 1, 4, V, C) of several theta.
+    """Return the states from hanging at rest, shape (K + 1, 4, C), or (K + 1, 4, V, C) for several theta.
 
-    And the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...); infinite for lost motions.
+    Also return the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...), infinite after divergence.
     """
     start = np.zeros((4, tau.shape[2]))
     start[:2] = np.reshape(HANGING, (2, 1))
     states = roll(theta, start, tau, step)
     away = states[:, :2] - np.reshape(HANGING, (2,) + (1,) * (states.ndim - 2))
-    speed, angle = (np.abs(each).max(axis=0) for each in (states[:, 2:], away))
+    speed, angle = (np.abs(values).max(axis=0) for values in (states[:, 2:], away))
     return states, np.where(np.isfinite(speed), speed, np.inf), np.where(np.isfinite(angle), angle, np.inf)
 
 
 def _information(theta: Array, states: Array, tau: Array, step: float, experiment: Experiment) -> Array:
-    """Return the information of each motion, shape (C, D, D), D at most IDENTIFIABLE, parameters in units of their
-    values.
+    """Return the information matrix of each motion, shape (C, D, D), with parameters in units of their values.
 
-    Initial states and the effort's delay are unknown, too, and condensed out.
+    D is at most IDENTIFIABLE. Initial states and the input delay are nuisance parameters, which are eliminated.
     """
     steps, lanes = tau.shape[1:]
     length = min(steps, round(SETTINGS.segment / step))
@@ -258,7 +257,7 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     within = length * np.arange(count) + np.arange(length + 1)[:, None]
     cut = np.moveaxis(states[within], 1, 2).reshape(length + 1, 4, -1)
     torques = tau[:, within[:-1]].reshape(2, length, -1)
-    # Positions between samples are not seen; where a step is several samples long, each counts for all of them.
+    # Only sampled positions count. If a step is several samples long, its position counts for all of them.
     every = max(1, round(experiment.interval / step))
     weight = max(1.0, step / experiment.interval)
     seen = sensitivities(theta, cut, torques, step, every)[1:, :2]
@@ -267,7 +266,7 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     jacobian *= math.sqrt(12 * weight) * experiment.counts / (2 * math.pi)
     rows = np.moveaxis(jacobian, 3, 0).reshape(count * lanes, -1, jacobian.shape[2])
     normal = (rows.transpose(0, 2, 1) @ rows).reshape(count, lanes, *[jacobian.shape[2]] * 2)
-    # The delay is one for all segments of a motion, an initial state each segment's own.
+    # All segments of a motion share the delay; each segment has its own initial state.
     return _condensed(_condensed(normal, 4).sum(axis=0), 1)[:, :IDENTIFIABLE, :IDENTIFIABLE]
 
 
@@ -281,7 +280,7 @@ def _log_determinant(information: Array) -> float:
 
 
 def _condensed(normal: Array, size: int) -> Array:
-    """Return a normal matrix, shape (..., M, M), without its first unknowns, which stay unknown."""
+    """Return the Schur complement of a normal matrix, shape (..., M, M): its first unknowns are eliminated."""
     local, mixed = normal[..., :size, :size], normal[..., :size, size:]
     local = local + 1e-12 * np.trace(local, axis1=-2, axis2=-1)[..., None, None] * np.eye(size) + 1e-300 * np.eye(size)
     return np.asarray(normal[..., size:, size:] - np.swapaxes(mixed, -1, -2) @ np.linalg.solve(local, mixed))

@@ -15,17 +15,17 @@ from pendubot_identification.errors import ParameterError
 class PulseTrain:
     """Pulses at a fixed period; within a pulse the torque takes a new random value every ``hold`` seconds.
 
-    The paper's numbers for period and torque range were lost; the defaults move the virtual rig well.
+    The paper's period and torque range are not known; the defaults excite the virtual rig well.
 
     Raises:
-        ParameterError: a number that makes no sense.
+        ParameterError: a value is out of range.
     """
 
-    period: float = 1.0  #: From one pulse to the next [s].
-    width: float = 0.05  #: The pulse's length as a fraction of the period (the paper's 5 %).
+    period: float = 1.0  #: Time from one pulse to the next [s].
+    width: float = 0.05  #: Duration of a pulse as a fraction of the period (5 % in the paper).
     amplitude_min: float = -1.0  #: Least torque within a pulse [N m].
     amplitude_max: float = 1.0  #: Greatest torque within a pulse [N m].
-    hold: float = 0.01  #: How long each random torque is held [s].
+    hold: float = 0.01  #: Hold time of each random torque [s].
     seed: int = 1  #: Same seed, same torque.
 
     def __post_init__(self) -> None:
@@ -47,20 +47,19 @@ class PulseTrain:
             raise ParameterError(f'seed is {self.seed}; a whole number of at least 0 is expected')
 
     def torque(self, t: float) -> float:
-        """Return the torque [N m] wanted at ``t`` [s] after the start; 0 before it and between pulses."""
+        """Return the torque [N m] at ``t`` [s] after the start; 0 before it and between pulses."""
         return float(self.torques(np.array([t]))[0])
 
     def torques(self, t: Array) -> Array:
         """Return :meth:`torque` at many times [s], shape (N,)."""
-        # Sampling times are rational multiples of hold and period that floats only approximate: half a microsecond
-        # decides on which side of an edge they fall.
+        # Sampling times may coincide with edges of pulses: an offset of 0.5 us prevents effects of rounding errors.
         pulse, phase = np.divmod(t + 5e-7, self.period)
         within = (t >= 0) & (phase < self.width * self.period)
         number = (phase / self.hold).astype(np.intp)
         result = np.zeros(len(t))
-        for each in np.unique(pulse[within]):
-            here = within & (pulse == each)
-            drawn = np.random.default_rng([self.seed, int(each)])
-            values = drawn.uniform(self.amplitude_min, self.amplitude_max, int(number[here].max()) + 1)
+        for index in np.unique(pulse[within]):
+            here = within & (pulse == index)
+            rng = np.random.default_rng([self.seed, int(index)])
+            values = rng.uniform(self.amplitude_min, self.amplitude_max, int(number[here].max()) + 1)
             result[here] = values[number[here]]
         return result

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The exciter's parameter file: written from a design, read to be predicted."""
+"""Write a pulse train to the parameter file of the exciter, and read it back."""
 
 import re
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ TEMPLATE = 'config/exciter.yaml'
 def write_exciter(
     path: Path, train: PulseTrain, duration: float, comments: Sequence[str], *, overwrite: bool = False
 ) -> None:
-    """Write a pulse train as the exciter's commented parameter file; everything else has its default.
+    """Write a pulse train as the commented parameter file of the exciter; other parameters have their defaults.
 
     Raises:
         ResultError: the file exists already, or the system refuses to write it.
@@ -37,16 +37,16 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
     """Return the pulse train of a parameter file and its duration [s]; missing values have their defaults.
 
     Raises:
-        ResultError: there is no such file, or it is no parameter file of the exciter.
-        ParameterError: pulses that make no sense.
+        ResultError: the file does not exist, or is no parameter file of the exciter.
+        ParameterError: a value is out of range.
     """
     expected = f'expected is a file like {resource(TEMPLATE)}'
     data = read_yaml(path, expected)
-    # In whatever namespace the file names it.
-    own = [parameters for name, parameters in addressed(data) if name.rpartition('/')[2] in (NODE, '*', '**')]
-    if not own:
+    # Accept the node under any namespace.
+    matching = [parameters for name, parameters in addressed(data) if name.rpartition('/')[2] in (NODE, '*', '**')]
+    if not matching:
         raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}')
-    values: dict[str, Any] = {'duration': 18.0} | {k: v for parameters in own for k, v in parameters.items()}
+    values: dict[str, Any] = {'duration': 18.0} | {k: v for parameters in matching for k, v in parameters.items()}
     pulses: dict[str, Any] = asdict(PulseTrain())
     try:
         numbers = {name: type(default)(str(values.get(name, default))) for name, default in pulses.items()}

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How far to trust data and results: refusals, errors, warnings, and advice for the next recording."""
+"""Assessment of data and results: errors, warnings, and advice for the next recording."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -29,60 +29,60 @@ SEVEN = NAMES[: MODELS['viscous']]
 
 @dataclass(frozen=True, slots=True)
 class AssessmentSettings:
-    """Limits of data and results, as the user's pages list them."""
+    """Thresholds of the assessment, as listed in the documentation."""
 
     #: Motion of a joint [rad] below which it is noise.
     still: float = 0.02
     #: Sensitivity of the residuals to a parameter, relative to the largest, below which it is not identifiable.
     insensitive: float = 1e-6
-    #: J over J at zero parameters above which work and energy are hardly related.
+    #: J over J at zero parameters above which work and energy hardly correlate.
     unbalanced: float = 0.5
-    #: Condition number (columns scaled to one) above which small errors of the data become large ones of theta.
+    #: Condition number (columns scaled to one) above which theta is too sensitive to errors of the data.
     ill_conditioned: float = 1e3
     #: J on validation over J on training above which parameters do not generalise.
     overfitted: float = 10.0
     #: Error of a recording's zero [degrees] beyond its 95 % interval.
     zero: float = 3.0
-    #: Difference of P3 / P5 to the elbow's own value, as a fraction of it and in standard errors.
+    #: Difference of P3 / P5 to its value by the elbow's equation, as a fraction of it and in standard errors.
     length: float = 0.25
     length_errors: float = 3.0
-    #: Least mass of link 2 by the torque over that by scales: 1 if all of it is far out, 0.75 of a uniform rod.
+    #: Limits of the least mass of link 2 by the torque over its weighed mass: 1 of a point mass, 0.75 of a uniform rod.
     light: float = 0.25
     heavy: float = 1.2
-    #: P3 squared over the largest value that P1 and P2 allow.
+    #: P3 squared over its largest value for P1 and P2.
     singular: float = 0.999
-    #: Difference of two input delays [s] that are the same: half of the least one that is a fault.
+    #: Difference of two input delays [s] below which they are equal: half of the least faulty delay.
     delay: float = 0.005
-    #: Standard error over value above which advice is given, and correlation that it names.
+    #: Standard error over value above which advice is given, and correlation above which it is mentioned.
     uninformative: float = 0.1
     correlated: float = 0.95
 
 
 SETTINGS = AssessmentSettings()
-#: The motion that excites each parameter: where it stands in the equations of motion, under a torque at the shoulder.
+#: The motion that excites each parameter, by its term in the equations of motion, with a torque at the shoulder.
 EXCITATION = {
     'P1': 'accelerate the shoulder harder: torques that change their sign every tenth of a second',
     'P2': 'accelerate the elbow harder: short, strong pulses at the shoulder',
-    'P3': 'bend the elbow by a quarter turn and more while the shoulder moves: there the links push each other',
+    'P3': 'bend the elbow by a quarter turn and more while the shoulder moves: there the links interact',
     'P4': 'lift link 1 to the horizontal and beyond, and let it fall: longer pulses',
     'P5': "swing link 2 to the horizontal and beyond: pulses in time with the elbow's own swing",
     'b1': 'turn the shoulder fast for longer',
-    'b2': 'let the elbow swing freely, far out, and come to rest: pauses of seconds between the pulses',
+    'b2': 'let the elbow swing freely, far out, until it stops: pauses of seconds between the pulses',
     'Fc1': 'turn the shoulder to and fro, slowly and fast: slow motion separates dry from viscous friction',
     'Fc2': 'let the elbow swing out between pulses: slow motion separates dry from viscous friction',
     'J2': 'accelerate the elbow against the shoulder: the rotor matters where both do not turn together',
     'Fs1': 'start and stop the shoulder slowly, below 0.5 rad/s',
-    'Fs2': 'let the elbow come to rest again and again, from below 0.5 rad/s',
+    'Fs2': 'stop the elbow repeatedly, from below 0.5 rad/s',
     'k1': 'turn the shoulder at one speed under small and under large torques',
     'k2': 'turn the elbow at one speed under small and under large torques',
 }
 
 
 def require_excitation(training: Sequence[Trajectory], settings: Settings) -> None:
-    """Refuse motions from which some parameters are not identifiable.
+    """Reject motions from which some parameters are not identifiable.
 
     Raises:
-        ExcitationError: it names the parameters.
+        ExcitationError: some parameters are not identifiable; the message names them.
     """
     moved = np.max([np.ptp(motion.q, axis=0) for motion in training], axis=0)
     names = ', '.join(f'{motion.name}, {motion.t[0]:.4g} to {motion.t[-1]:.4g} s' for motion in training)
@@ -110,7 +110,7 @@ def require_excitation(training: Sequence[Trajectory], settings: Settings) -> No
 
 
 def stillness(motion: Trajectory) -> str:
-    """Return the warning that no joint moves in a motion, which then validates nothing; empty if one moves."""
+    """Return a warning if no joint moves in a motion for validation; empty otherwise."""
     moved = np.ptp(motion.q, axis=0)
     if (moved >= SETTINGS.still).any():
         return ''
@@ -133,20 +133,20 @@ def assess(
 
     Args:
         estimate: of one criterion, its prediction included.
-        settings: what was asked for.
-        link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
+        settings: of the identification.
+        link_length: P3 / P5 [m] by the elbow's equation, and its standard error.
         faults: of the recordings.
         notes: other warnings of the data.
     """
     severe = [fault.sentence for fault in faults if _severe(fault, estimate)]
     others = {fault.sentence: fault.name for fault in faults if not _severe(fault, estimate)}
-    # A cause that is known, such as a push by hand, is named before the motion that hardly fits.
+    # A known cause, such as a push by hand, precedes the warning of a poor fit.
     unfit = [sentence for sentence, name in others.items() if name == 'motion']
     mild = [sentence for sentence in others if sentence not in unfit]
     named = set() if severe else {*others.values()} - {'motion'}
     errors, reservations = list(_errors(estimate, settings)), [*unfit, *_reservations(estimate, settings)]
     if 'delay' not in named:
-        # The default search covers every sensible delay; a narrower one is the user's.
+        # The default interval covers all plausible delays; a narrower one is the choice of the user.
         (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
     if 'zero' not in named:
         reservations += _wrong_zeros(estimate)
@@ -165,7 +165,7 @@ def assess(
 
 
 def _severe(fault: Fault, estimate: Estimate) -> bool:
-    """Return whether a fault makes an estimate useless: not if the same delay was estimated along with it."""
+    """Return whether a fault makes an estimate useless; a delay does not if the estimate compensates it."""
     compensated = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < SETTINGS.delay
     return fault.level is Level.ERROR and not compensated
 
@@ -175,20 +175,20 @@ def _nearest_bound(theta: Array, bounds: Bounds) -> Array:
 
 
 def _errors(e: Estimate, settings: Settings) -> Iterator[str]:
-    """Yield the reasons why the result is of no use."""
+    """Yield the errors, which make the result useless."""
     theta, bounds = e.theta, settings.box(e.model)
-    # MDE comes ever closer to a bound and never quite reaches it.
+    # MDE approaches a bound without reaching it.
     assessed = np.where(bounds.at_bound(theta, tolerance=1e-6), _nearest_bound(theta, bounds), theta)
     problems = Parameters.from_vector(assessed).unphysical()
     yield from (f'not physical: {problem}' for problem in problems)
     if not problems and theta[2] ** 2 > SETTINGS.singular * LARGEST_COUPLING**2 * theta[0] * theta[1]:
         yield (
-            f'hardly physical: P3 = {theta[2]:.4g} is the most that P1 and P2 allow, M(q) being nearly singular; the '
-            'data ask for a value beyond'
+            f'hardly physical: P3 = {theta[2]:.4g} is the largest value for P1 and P2, and M(q) is nearly '
+            'singular; the minimum of J lies beyond it'
         )
     if e.unexplained > SETTINGS.unbalanced:
         yield (
-            f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of what it is with all parameters zero; '
+            f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of its value with all parameters zero; '
             'check the signs of angles and torque, the zero of q1, and their units'
         )
     worse = e.prediction.error[:ASSESSED] > e.prediction.persistence[:ASSESSED]
@@ -201,15 +201,15 @@ def _errors(e: Estimate, settings: Settings) -> Iterator[str]:
 
 
 def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
-    """Yield the reasons for reservations about the result."""
+    """Yield the warnings about the result."""
     theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES[: len(e.theta)])
-    # Friction of one kind may well be zero where there is another.
+    # Friction of one kind may be zero in a model with several.
     matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
     if e.determined[:3].all() and not (e.fixed[3:5] | (e.intervals[3:5, 0] > 0)).any():
         matters[3:5] = False
         yield (
             'the 95 % intervals of P4 and P5 reach 0: gravity hardly acts on this motion; fix both at 0 if both axes '
-            'are vertical, or else swing both links farther'
+            'are vertical, or else excite larger swings'
         )
     unidentifiable = np.isinf(e.std_error)
     if unidentifiable.any():
@@ -226,11 +226,11 @@ def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
             'effects of some parameters on this motion are nearly the same: excite both joints more'
         )
     high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
-    # P1 or P2 at 0 is an error, and named there.
+    # P1 or P2 at 0 is reported as an error.
     failed = np.isin(names, ('P1', 'P2')) & (_nearest_bound(theta, bounds) <= 0)
     for k in np.flatnonzero(~e.free & ~e.fixed & ~failed & (matters | high_half)):
         nearest = _nearest_bound(theta, bounds)[k]
-        yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the data ask for a value beyond'
+        yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the minimum of J lies beyond it'
     if e.runs_at_minimum < len(e.J_runs):
         yield (
             f'only {e.runs_at_minimum} of {len(e.J_runs)} runs reached the exact minimum of J; give more '
@@ -247,11 +247,11 @@ def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
 
 def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
     (low, high), delay = settings.delays, e.effort.delay
-    # The best rig has no delay at all, so 0 is no end of a search.
+    # A delay of 0 is plausible, also at the end of the search interval.
     at_end = delay >= high - 1e-4 or (low != 0 and delay <= low + 1e-4)
     if low < high and at_end and e.criterion != 'energy':
         yield (
-            f'the delay of the effort lies at {delay:.4f} s, the end of where it was searched; are the '
+            f'the delay of the effort lies at {delay:.4f} s, the end of its search interval; are the '
             'stamps of effort and angles of one clock?'
         )
 
@@ -271,11 +271,11 @@ def _wrong_zeros(e: Estimate) -> Iterator[str]:
 def _wrong_length(e: Estimate, length: float, error: float) -> Iterator[str]:
     if e.criterion == 'energy' or not e.intervals[4, 0] > 0 or not np.isfinite([length, error]).all():
         return
-    own = e.theta[2] / e.theta[4]
-    if abs(own - length) > max(SETTINGS.length * abs(length), SETTINGS.length_errors * error):
+    ratio = e.theta[2] / e.theta[4]
+    if abs(ratio - length) > max(SETTINGS.length * abs(length), SETTINGS.length_errors * error):
         yield (
-            f'P3 / P5, the length of link 1, is {own:.3g} m here and {length:.3g} m (standard error {error:.2g} m) by '
-            "the elbow's own equation, in which the shoulder's torque has no part: check signs and zeros of the "
+            f'P3 / P5, the length of link 1, is {ratio:.3g} m, but {length:.3g} m (standard error {error:.2g} m) by '
+            "the elbow's own equation, which does not contain the shoulder's torque: check signs and zeros of the "
             'angles and the stamps of the effort'
         )
 
@@ -293,7 +293,7 @@ def _wrong_mass(e: Estimate, expected: float | None) -> Iterator[str]:
 
 
 def _advice(e: Estimate) -> Iterator[str]:
-    """Yield a sentence for each parameter of which the motion is little informative, the worst first."""
+    """Yield a sentence for each parameter with a large relative standard error, the worst first."""
     size = np.abs(e.theta)
     with np.errstate(all='ignore'):
         relative = np.where(e.free & (size > 0), e.std_error / size, 0.0)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The catalogue of unmodelled effects: what each adds to the model, in words and as an extension of the likelihood."""
+"""The catalogue of unmodelled effects, each with a description and an extension of the likelihood."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -18,23 +18,23 @@ from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.motion import Motion
 
-#: Cogging is a candidate for a joint that turns by more [rad], up to so many times a turn.
+#: Rotation of a joint [rad] above which cogging is a candidate; largest number of its repetitions per turn.
 TURN, REPETITIONS = 1.0, 24
-#: Step [s] of torques that depend on the motion or on their past.
+#: Step [s] of torques that depend on the motion or on earlier torques.
 STEP = 0.001
-#: The meaning of each effect, and what to do.
+#: The description of each effect, and its remedy.
 MEANINGS = {
     'dead zone': (
         'the motor gives no torque below a threshold',
         "record the motor's current, or raise the driver's offset",
     ),
     'saturation': (
-        'the motor gives less torque than recorded where that is large',
-        "record the motor's current, or excite with less",
+        'the motor gives less torque than recorded at large torques',
+        "record the motor's current, or excite with smaller torques",
     ),
     'back-EMF': (
-        'the motor gives less torque the faster it turns',
-        "record the motor's current, raise the supply voltage, or excite with less",
+        'the torque of the motor decreases with its speed',
+        "record the motor's current, raise the supply voltage, or excite with smaller torques",
     ),
     'lag': (
         'the torque follows the recorded one with a lag',
@@ -49,23 +49,23 @@ MEANINGS = {
     'drag': ('a joint brakes with the square of its speed', 'move more slowly, or use b for these speeds alone'),
     'spring': ('a torque grows with a joint angle: a cable or a spring', 'free the cable, or lead it along the axis'),
     'drift': ('friction changes with time', 'let the rig warm up, and record again'),
-    'cogging': ('a torque repeats several times a turn: a motor that cogs, or a gear', 'treat friction as approximate'),
+    'cogging': ('a torque repeats several times a turn: cogging, or a gear', 'treat friction as approximate'),
     'eccentricity': ('an angle is off by an error that repeats once a turn', 'centre the encoder or its coupling'),
     'creep': ('dry friction is larger at low speed than in the model', 'use Fc and Fs for these speeds alone'),
 }
-#: Effects of which the model's friction is a part.
+#: Effects that extend the friction of the model.
 FRICTION = ('asymmetry', 'width', 'drag', 'drift', 'creep')
 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """A candidate.
+    """A candidate for an unmodelled effect.
 
     Attributes:
         name: one of :data:`MEANINGS`.
         where: the joint or part on which it acts.
-        extension: what it adds to the model.
-        blind: whether the likelihood without it has no slope towards it, so that its own start must be tried.
+        extension: of the likelihood.
+        blind: whether the slope of J by its unknowns is 0 without it, so that it needs a start with it.
     """
 
     name: str
@@ -79,12 +79,12 @@ class DetectedEffect:
     """An effect that the recordings show.
 
     Attributes:
-        effect: which.
-        sizes: of its unknowns.
-        gain: by how much it lowers J.
-        z: Vuong's.
-        accepted: whether it is sure, and the published parameters were estimated together with it.
-        moved: by how much each of P1 to P5 changes beside it, as a fraction, shape (5,).
+        effect: the candidate.
+        sizes: estimates of its unknowns.
+        gain: decrease of J.
+        z: statistic of Vuong's test.
+        accepted: whether it is significant, and the published parameters were estimated together with it.
+        moved: relative change of P1 to P5 by the effect, shape (5,).
     """
 
     effect: Effect
@@ -96,23 +96,23 @@ class DetectedEffect:
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """The name of the effect."""
         return self.effect.name
 
     @property
     def where(self) -> str:
-        """In words."""
+        """The joint or part on which it acts."""
         return self.effect.where
 
     @property
     def sentence(self) -> str:
-        """What was found, how sure that is, and what to do."""
+        """The message: finding, significance, and remedy."""
         found, remedy = MEANINGS[self.name]
         if not self.accepted:
             return f'possible, not compensated: {found} ({self.where}); {remedy}'
-        own = ', '.join(f'{size:.3g}' for size in self.sizes)
+        size = ', '.join(f'{x:.3g}' for x in self.sizes)
         sentence = (
-            f'{found} ({self.where}, {own}): compensated, P1 to P5 change by up to {100 * abs(self.moved).max():.2g} %'
+            f'{found} ({self.where}, {size}): compensated, P1 to P5 change by up to {100 * abs(self.moved).max():.2g} %'
         )
         if self.name in FRICTION:
             sentence += '; the friction parameters are meaningful only together with it'
@@ -120,7 +120,7 @@ class DetectedEffect:
 
 
 def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
-    """Return every effect that recordings can show; ``delay`` of the torque [s]."""
+    """Yield all candidates for recordings; ``delay``: of the torque [s]."""
     tau = max(float(np.abs(m.recorded.tau).max()) for m in motions)
     states = [m.states(m.recorded.t) for m in motions]
     speed = max(float(each[2:].std(axis=1).max()) for each in states)
@@ -134,9 +134,9 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
         reach = {TermKind.ANGLE: 2 / max(spans[joint], 1e-9), TermKind.DRAG: tau / scale / speed**2 / 4}
         unknowns = []
         for kind in kinds:
-            own = scale / speed if kind is TermKind.VISCOUS_DRIFT else scale
-            limit = 0.5 * own * reach.get(kind, 1.0)
-            unknowns.append(Unknown(own, -limit, limit))
+            size = scale / speed if kind is TermKind.VISCOUS_DRIFT else scale
+            limit = 0.5 * size * reach.get(kind, 1.0)
+            unknowns.append(Unknown(size, -limit, limit))
         terms = tuple(Term(kind, joint, number) for kind in kinds)
         return Effect(name, JOINT_NAMES[joint] + where, Extension(tuple(unknowns), terms))
 
@@ -155,7 +155,7 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
             yield linear('cogging', joint, TermKind.SINE, TermKind.COSINE, number=number, where=f', {number} a turn')
     dead = _sample_wise(lambda tau, zone: np.sign(tau) * np.maximum(np.abs(tau) - zone, 0))
     yield Effect('dead zone', 'motor', Extension((Unknown(tau, 0.0, 0.5 * tau),), shape=dead))
-    sag = _sample_wise(lambda each, part: each * (1 - part * (each / tau) ** 2))
+    sag = _sample_wise(lambda sample, part: sample * (1 - part * (sample / tau) ** 2))
     yield Effect('saturation', 'gradual', Extension((Unknown(1.0, -0.5, 0.9),), shape=sag))
     limit = _sample_wise(lambda tau, most: np.clip(tau, -most, most))
     for part in (0.85, 0.6):
@@ -168,10 +168,10 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
 
 
 def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
-    """Return the shape that changes every sample of the recorded torque by itself."""
+    """Return the shape that maps each sample of the recorded torque independently."""
 
-    def shaped(motion: Motion, own: Array) -> Motion:
-        tau = change(motion.recorded.tau, float(own[0]))
+    def shaped(motion: Motion, unknowns: Array) -> Motion:
+        tau = change(motion.recorded.tau, float(unknowns[0]))
         t = motion.recorded.t
         held = len(motion.impulse.c) == 2
         pieces = [tau[:-1]] if held else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
@@ -183,51 +183,52 @@ def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
 
 
 def _fine_torque(motion: Motion) -> tuple[Array, Array]:
-    """Return times at most a step apart [s], and the recorded torques' means between them, shapes (N + 1,), (N, 2)."""
+    """Return times at most :data:`STEP` apart [s], and the mean torques between them, shapes (N + 1,), (N, 2)."""
     count = max(1, math.ceil((motion.impulse.x[-1] - motion.impulse.x[0]) / min(STEP, motion.interval)))
     t = np.linspace(motion.impulse.x[0], motion.impulse.x[-1], count + 1)
     return t, np.diff(motion.impulse(t), axis=0) / np.diff(t)[:, None]
 
 
 def _limited_by_speed(delay: float) -> Shape:
-    """Return the shape of a motor whose largest torque falls with its speed, from a standstill to no load.
+    """Return the shape of a motor whose largest torque decreases with its speed, from a standstill to no load.
 
     The unknowns are the largest torque at a standstill [N m] and the inverse of the speed at no load [s/rad].
     """
 
-    def shaped(motion: Motion, own: Array) -> Motion:
+    def shaped(motion: Motion, unknowns: Array) -> Motion:
         t, tau = _fine_torque(motion)
         speed = motion.states(np.clip((t[1:] + t[:-1]) / 2 + delay, motion.start, motion.end))[2:].T
-        high, low = own[0] * np.maximum(1 - own[1] * speed, 0), -own[0] * np.maximum(1 + own[1] * speed, 0)
+        most, slope = unknowns
+        high, low = most * np.maximum(1 - slope * speed, 0), -most * np.maximum(1 + slope * speed, 0)
         return replace(motion, impulse=PPoly(np.clip(tau, low, high)[None], t).antiderivative())
 
     return shaped
 
 
 def _eccentric(joint: int) -> Shape:
-    """Return the shape of an encoder that reads an angle plus a sine and a cosine of it [rad], the two unknowns."""
+    """Return the shape of an encoder with an error of a sine plus a cosine of the angle [rad], the two unknowns."""
 
-    def true(read: Array, own: Array) -> Array:
-        angle = read
-        for _ in range(4):  # errors are small, so that this converges
-            angle = read - own[0] * np.sin(angle) - own[1] * np.cos(angle)
+    def true_angle(measured: Array, unknowns: Array) -> Array:
+        angle = measured
+        for _ in range(4):  # converges, because errors are small
+            angle = measured - unknowns[0] * np.sin(angle) - unknowns[1] * np.cos(angle)
         return angle
 
-    def shaped(motion: Motion, own: Array) -> Motion:
+    def shaped(motion: Motion, unknowns: Array) -> Motion:
         q, nodes = motion.recorded.q.copy(), motion.smoothed.x
-        q[:, joint] = true(q[:, joint], own)
+        q[:, joint] = true_angle(q[:, joint], unknowns)
         states = motion.smoothed(nodes)
-        angle = states[:, joint] = true(states[:, joint], own)
-        states[:, 2 + joint] /= 1 + own[0] * np.cos(angle) - own[1] * np.sin(angle)
+        angle = states[:, joint] = true_angle(states[:, joint], unknowns)
+        states[:, 2 + joint] /= 1 + unknowns[0] * np.cos(angle) - unknowns[1] * np.sin(angle)
         return replace(motion, smoothed=CubicSpline(nodes, states), recorded=replace(motion.recorded, q=q, qd=None))
 
     return shaped
 
 
-def _lagged(motion: Motion, own: Array) -> Motion:
-    """Return the motion whose torque passes a first-order lag of so many seconds."""
+def _lagged(motion: Motion, unknowns: Array) -> Motion:
+    """Return the motion with a first-order lag of the torque; the unknown is the time constant [s]."""
     t, mean = _fine_torque(motion)
-    step, lag = t[1] - t[0], float(own[0])
+    step, lag = t[1] - t[0], float(unknowns[0])
     decay = math.exp(-step / lag)
     late = lfilter([1 - decay], [1, -decay], mean, axis=0)
     before = np.vstack([np.zeros((1, 2)), late[:-1]])
@@ -237,9 +238,9 @@ def _lagged(motion: Motion, own: Array) -> Motion:
 
 
 def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float) -> Motion:
-    """Return a motion with the torques that act, by the accepted effects, along its smoothed states.
+    """Return a motion with the acting torques by the accepted effects, along its smoothed states.
 
-    Friction that drifts is taken as at the end of the training data.
+    Drifting friction has its value at the end of the training data.
     """
     result = motion
     for found in effects:

@@ -1,17 +1,17 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Signs, order, zeros, units and timestamps of recordings, checked by their motion.
+"""Checks of signs, order, zeros, units and timestamps of recordings, by their motion.
 
-No physical parameters explain a recording that breaks a convention. Therefore a list of corrections is tried: turns of
-sense or order (:data:`_TURNS`), and the zeros, a constant effort, and an input delay that fit best. The weak criterion
+No physical parameters explain a recording that breaks a convention. Therefore a list of corrections is tried: changes
+of sense or order (:data:`_TURNS`), and the zeros, constant effort, and input delay that fit best. The weak criterion
 is minimised after each one, and they are ranked by the fraction of the squared effort that the model does not explain.
-The best one is accepted if it is significant (F test) and the rest fits a pendubot. The recordings so corrected are
-checked once more, for a second fault.
+The best one is accepted if it is significant (F test) and the corrected motion fits a pendubot. The corrected
+recordings are checked again for a second fault.
 
-Not detectable: another gear ratio or torque unit, which scales all parameters (except for mN m, with which no link
-could be so small and so heavy); both joints and both efforts reversed, which is the same rig seen from behind; and the
-error of a zero while friction keeps a link from hanging.
+Not detectable: another gear ratio or torque unit, which scales all parameters (except for mN m, which gives an
+implausible density of link 2); both joints and both efforts reversed, which is the view from behind; and the error of a
+zero if friction holds a link away from hanging.
 """
 
 from __future__ import annotations
@@ -40,28 +40,28 @@ from pendubot_identification.trajectories.motion import Motion
 from .uncertainty import regression_covariance
 
 Matrix = tuple[tuple[int, int], tuple[int, int]]
-#: With dry friction and a rotor; a richer model would explain faults away.
+#: The model with dry friction and a rotor; a larger model would fit faults.
 MODEL = 'rotor'
 _BOX = default_bounds().of(MODELS[MODEL])
 #: The effort may be in any unit.
 BOUNDS = Bounds(_BOX.lower, 1e6 * _BOX.upper, _BOX.names)
-#: Delays of the effort that are tried [s].
+#: Search interval of the delay of the effort [s].
 DELAYS = (-0.1, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
 class ConventionSettings:
-    """When a fault is named; fractions are of the squared effort."""
+    """Thresholds of faults; fractions are of the squared effort."""
 
     #: Weight of the elbow's residuals beside the shoulder's: elbows are small.
     elbow: float = 3.0
-    #: Of the F test, one for all corrections.
+    #: Significance level of the F test, the same for all corrections.
     significance: float = 1e-4
-    #: Longer recordings [s] are no more certain, because errors of the model repeat: the fraction must fall by 1.3.
+    #: Longest duration [s] that the F test counts, because model errors repeat: the fraction must fall by 1.3.
     longest: float = 5.0
-    #: Unexplained fraction above which a motion fits no pendubot: real rigs leave .02, simulated ones at end stops .3.
+    #: Unexplained fraction above which a motion fits no pendubot: of real rigs it is .02, of simulated end stops .3.
     unfit: float = 0.35
-    #: The same above which it hardly fits: unmodelled effects leave at most .08, a push or lost counts .15.
+    #: Unexplained fraction of a poor fit: of unmodelled effects it is at most .08, of a push or lost counts .15.
     poor_fit: float = 0.1
     #: Motion [rad] below which recordings fit any rig.
     moved: float = 0.5
@@ -71,12 +71,12 @@ class ConventionSettings:
     offset: float = 1e-4
     zero: float = math.radians(2.0)
     delay: float = 0.01
-    #: Static over sliding friction, which holds a link away from hanging while its zero is set.
+    #: Ratio of static to sliding friction, which holds a link away from hanging while its zero is set.
     static: float = 1.3
-    #: Ratio of the fractions before and after a correction above which some parameter was wrong by a sixth and more.
+    #: Ratio of the fractions before and after a correction above which a parameter is wrong by a sixth or more.
     severe: float = 5.0
-    #: Density [kg/m^3] of no link, all mass in a cube as wide as its centre is far from its joint: 16 to 80 on large
-    #: rigs, 2500 on one of 3 cm.
+    #: Largest density of a link [kg/m^3], of a cube as wide as the distance of its centre from the joint. It is 16 to
+    #: 80 on large rigs, 2500 on one of 3 cm.
     dense: float = 5000.0
     #: Error of a link's length, as a fraction of it.
     length: float = 0.1
@@ -91,16 +91,16 @@ class Fault:
 
     Attributes:
         name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``, or
-            ``motion`` if the motion fits no pendubot, whatever is corrected.
-        found: what is wrong, in words.
-        remedy: the expected convention, and what to do.
+            ``motion`` if the motion fits no pendubot after any correction.
+        found: the finding, in words.
+        remedy: the expected convention, and the correction, in words.
         level: ERROR where parameters from such recordings are useless, else WARN.
-        unexplained: fraction of the squared effort that the model does not explain; NaN where nothing was tried.
-        corrected: the same after the correction.
+        unexplained: fraction of the squared effort that the model does not explain; NaN without a correction.
+        corrected: the same fraction after the correction.
         change: the correction of the motion; None if there is none.
         delay: of the effort [s], if that is the correction.
-        options: of the conversion that correct the recordings, as far as there are any.
-        corrected_conversion: the conversion with these.
+        options: of the conversion that correct the recordings, if there are any.
+        corrected_conversion: the conversion with these options.
     """
 
     name: str
@@ -116,7 +116,7 @@ class Fault:
 
     @property
     def sentence(self) -> str:
-        """What was found, how well the correction fits, and what to do."""
+        """The message: finding, fit of the correction, and remedy."""
         fit = ''
         if not math.isnan(self.corrected):
             fit = (
@@ -127,7 +127,7 @@ class Fault:
 
 
 def _from_hanging(Q: Matrix, T: Matrix | None = None) -> Affine:
-    """Return the map of positions that are measured from hanging."""
+    """Return the map Q of positions relative to hanging, and T of efforts."""
     return Affine.of(Q, np.array(HANGING) - np.array(Q) @ np.array(HANGING), T)
 
 
@@ -144,7 +144,7 @@ _ELBOW = "negate the elbow's position and effort (or the shoulder's)"
 _SHOULDER = "negate the shoulder's position (or the elbow's and the effort)"
 _TO_HANGING = "negate the shoulder's position, so that hanging is -90 degrees"
 _ABSOLUTE = 'absolute', "the elbow's position is absolute", "subtract the shoulder's position"
-#: Corrections of sense or order: name, fault, remedy, and map. Of equal ones the first is named.
+#: Corrections of sense or order: name, fault, remedy, and map. Of equal ones, the first is reported.
 _TURNS: tuple[tuple[str, str, str, Affine], ...] = (
     ('sign', f"the elbow's position {_NEGATED}", "negate the elbow's position", Affine.of(_SECOND)),
     ('sign', 'the elbow turns the other way than the shoulder', _ELBOW, Affine.of(_SECOND, T=_SECOND)),
@@ -163,7 +163,7 @@ _TURNS: tuple[tuple[str, str, str, Affine], ...] = (
     ('degrees', 'the positions are in degrees', 'convert them', Affine.of(_IN_RADIANS)),
     ('degrees', 'the positions are in degrees from hanging', 'convert them', Affine.of(_IN_RADIANS, HANGING)),
 )
-#: What each zero must be.
+#: The expected zeros.
 _ZEROS = (
     'q1 must be 0 where link 1 is horizontal, -90 degrees hanging',
     'q2 must be 0 where link 2 continues link 1',
@@ -173,19 +173,19 @@ _ZEROS = (
 def diagnose(
     motions: Sequence[Motion], model: str, delay: float = 0.0, expected_link_length: float | None = None
 ) -> tuple[Fault, ...]:
-    """Name the faults of convention that recordings of one rig have in common; none if they are too short.
+    """Return the faults of convention that recordings of one rig have in common; none if they are too short.
 
-    Little motion or much friction may hide a zero or a delay. Of two simultaneous faults the first may be taken for
-    another one that explains nearly as much.
+    Little motion or large friction may hide a zero or a delay. Of two simultaneous faults the first may be confused
+    with another one whose correction fits nearly as well.
 
     Args:
         motions: of one rig.
-        model: for the link's length alone.
-        delay: the known delay of the effort [s], not one that was estimated from these recordings.
-        expected_link_length: of link 1 [m], measured.
+        model: for the length of link 1 alone.
+        delay: the known delay of the effort [s], independent of these recordings.
+        expected_link_length: measured length of link 1 [m].
     """
     recordings = _Recordings(tuple(m for m in motions if m.end - m.start > WIDTH + DELAYS[1] - DELAYS[0]), delay)
-    # A constant effort acts like gravity in another direction.
+    # A constant effort has the effect of gravity in another direction.
     if not any(np.ptp(m.recorded.tau, axis=0).any() for m in recordings.motions):
         return ()
     faults, corrected = list[Fault](), recordings
@@ -203,7 +203,7 @@ def diagnose(
 
 
 def with_options(faults: Iterable[Fault], conversion: Conversion) -> tuple[Fault, ...]:
-    """Return faults with the options that correct them, each after those before it, for recordings so converted."""
+    """Return faults with the options that correct them in order, for recordings with this conversion."""
     completed = []
     for fault in faults:
         corrected = None if fault.change is None else conversion.then(fault.change)
@@ -222,7 +222,7 @@ def corrected_conversion(faults: Sequence[Fault]) -> Conversion | None:
 
 
 def agrees_with_exact_fit(fault: Fault, offsets: Array) -> bool:
-    """Return whether a fault may stand beside an exact fit, which estimates both zeros [rad], shape (2,)."""
+    """Return whether a fault is consistent with an exact fit and its zero errors [rad], shape (2,)."""
     if fault.name == 'zero' and fault.change is not None:
         return bool((np.abs(fault.change.c + offsets) < SETTINGS.zero).all())
     return fault.name in ('unit', 'length', 'delay')
@@ -231,9 +231,9 @@ def agrees_with_exact_fit(fault: Fault, offsets: Array) -> bool:
 def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tuple[float, float]:
     """Return P3 / P5 = l1, the length of link 1 [m], and its standard error, from the elbow's own equation.
 
-    On a pendubot that equation contains no torque. A length that differs from that of a ruler means that signs, zeros
-    or timestamps of the angles are wrong, not the motor's constant. Both are NaN if all motions are shorter than the
-    test function: ``energy`` needs less.
+    On a pendubot that equation contains no torque. If the result differs from the measured length, signs, zeros or
+    timestamps of the angles are wrong, not the torque constant. Both are NaN if all motions are shorter than the test
+    function, which ``energy`` does not need.
     """
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if not motions:
@@ -244,7 +244,7 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
     for motion in motions:
         residuals = weak_regression(motion, model, delay)
         phi, y, t = (values[1::3] for values in (residuals.phi, residuals.y, residuals.t))
-        # All is divided by P5, whose column nothing spoils.
+        # All is divided by P5, whose column contains no velocity.
         parts.append(Regression(np.column_stack([phi[:, others], -y]), -phi[:, names.index('P5')], t))
     ratios = _pooled(parts).free_minimum()
     _, std_error, *_ = regression_covariance(parts, ratios, np.ones(len(ratios), dtype=bool))
@@ -252,7 +252,7 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
 
 
 def joint_regression(motion: Motion, model: str, delay: float) -> Regression:
-    """Return the weak-form residuals of both joints, the elbow's weighted."""
+    """Return the weak-form residuals of both joints, with a weight for the elbow."""
     rows = weak_regression(motion, model, delay, weights=(1, SETTINGS.elbow, 1), stride=DELAY_STRIDE, coarse=True)
     joints = np.arange(len(rows.y)) % 3 < 2
     return Regression(rows.phi[joints], rows.y[joints], rows.t[joints])
@@ -260,13 +260,13 @@ def joint_regression(motion: Motion, model: str, delay: float) -> Regression:
 
 @dataclass(frozen=True)
 class _Recordings:
-    """Recordings after corrections, and how well the weak criterion fits them."""
+    """Recordings after corrections, with the fit of the weak criterion."""
 
     motions: tuple[Motion, ...]
     delay: float
 
     def after(self, change: Affine | None = None, delay: float | None = None) -> _Recordings:
-        """Return the recordings corrected."""
+        """Return the recordings after a correction."""
         motions = self.motions if change is None else tuple(motion.changed(change) for motion in self.motions)
         return _Recordings(motions, self.delay if delay is None else delay)
 
@@ -297,20 +297,20 @@ class _Recordings:
 
 
 def _best_correction(recordings: _Recordings) -> Fault | None:
-    """Return the fault whose correction explains most, if that is significant, with others that explain as much."""
+    """Return the fault whose correction fits best, if that is significant, and name others that fit as well."""
     left, limit = recordings.unexplained, recordings.limit
     if math.isinf(limit):
         return None
     candidates = [*_turns(recordings), *_zeros(recordings), *_offset(recordings), *_delay(recordings)]
-    # Small errors are no faults, and need no other correction for what they explain.
+    # Small errors are no faults; a correction must explain more than they do.
     expected = min([left, *(each.corrected for each in candidates if each.level is Level.OK)])
     ranked = sorted((each for each in candidates if each.level > Level.OK), key=lambda each: each.corrected)
     best = ranked[0]
-    # Of the two zeros the one that explains more counts. Less than 1e-12 is a rounding error.
+    # For a zero, a small error of the other one does not count. Less than 1e-12 is a rounding error.
     before = left if best.name == 'zero' else expected
     if before < limit * best.corrected + 1e-12 or best.corrected > SETTINGS.unfit:
         return None
-    # Of corrections with the same residual the first is named: a pendubot's elbow has no effort.
+    # Of corrections with the same residual the first is reported: without elbow effort some are equal.
     tied = {each.corrected: each.found for each in reversed(ranked) if each.corrected <= limit * best.corrected}
     names = dict.fromkeys(tied[corrected] for corrected in sorted(tied))
     level = best.level if left < SETTINGS.severe * best.corrected else Level.ERROR
@@ -330,7 +330,7 @@ def _turns(recordings: _Recordings) -> Iterator[Fault]:
 
 
 def _zeros(recordings: _Recordings) -> Iterator[Fault]:
-    """Yield the errors of both zeros; those that friction holds while a link hangs are none."""
+    """Yield the errors of both zeros, at level OK if friction can hold the link there."""
     for joint, expected in enumerate(_ZEROS):
         criterion = _turned_criterion(recordings, joint)
         angle = _best_angle(criterion, recordings.limit)
@@ -340,7 +340,7 @@ def _zeros(recordings: _Recordings) -> Iterator[Fault]:
         held = math.asin(friction / weight) if friction < weight else math.pi / 2
         wrong = abs(angle) > max(SETTINGS.zero, held / math.sqrt(len(recordings.motions)))
         corrected, degrees = _unexplained(criterion(angle)), math.degrees(angle)
-        # Of one parameter, F is the square of its value over its standard error.
+        # For one parameter, F is the square of its value over its standard error.
         F = (recordings.unexplained / max(corrected, 1e-12) - 1) * recordings.freedom
         error = abs(degrees) / math.sqrt(F) if F > 0 else math.inf
         found = f"q{joint + 1}'s zero is off by {degrees:.1f} +- {error:.1g} degrees"
@@ -351,22 +351,22 @@ def _zeros(recordings: _Recordings) -> Iterator[Fault]:
 def _turned_criterion(recordings: _Recordings, joint: int) -> Callable[[float], Quadratic]:
     """Return the criterion as a function of an angle [rad] that is subtracted from a joint's position.
 
-    The columns of gravity and coupling are linear in its cosine and sine. A quarter turn gives those of the sine.
+    The columns of gravity and coupling are linear in its cosine and sine. A quarter turn gives the columns of the sine.
     """
     size, columns = len(BOUNDS.names), ([3, 4], [2, 4])[joint]
     quarter = recordings.after(_subtracted(joint, math.pi / 2)).regressions
-    criterion = _pooled(recordings.regressions, [turned.phi[:, columns] for turned in quarter])
+    criterion = _pooled(recordings.regressions, [part.phi[:, columns] for part in quarter])
 
-    def at(angle: float) -> Quadratic:
+    def turned(angle: float) -> Quadratic:
         directions = np.eye(size + 2, size)
         directions[columns, columns], directions[[size, size + 1], columns] = math.cos(angle), math.sin(angle)
         return criterion.along(directions)
 
-    return at
+    return turned
 
 
 def _best_angle(criterion: Callable[[float], Quadratic], limit: float) -> float:
-    """Return the angle that explains most, or a quarter turn, which somebody chose, if it explains as much."""
+    """Return the angle that fits best, or a quarter turn, a likely convention, if it fits as well."""
 
     def unexplained(angle: float) -> float:
         return _unexplained(criterion(angle))
@@ -380,7 +380,7 @@ def _best_angle(criterion: Callable[[float], Quadratic], limit: float) -> float:
 
 
 def _offset(recordings: _Recordings) -> Iterator[Fault]:
-    """Yield a constant effort [N m] that was recorded at the shoulder and did not act."""
+    """Yield the constant error of the recorded effort at the shoulder [N m]."""
     largest = max(float(np.abs(m.recorded.tau[:, 0]).max()) for m in recordings.motions)
     if largest > 0:
         shoulder = [np.arange(len(part.y)) % 2 == 0 for part in recordings.regressions]
@@ -395,18 +395,18 @@ def _offset(recordings: _Recordings) -> Iterator[Fault]:
 def _delay(recordings: _Recordings) -> Iterator[Fault]:
     """Yield the delay of the effort."""
     delay = estimate_delay(recordings.motions, MODEL, BOUNDS, *DELAYS, weights=(1, SETTINGS.elbow, 0))
-    # Whether an effort was held or measured makes half an interval of difference, and is not known for certain.
+    # The difference between held and measured efforts is half an interval, and the hold is uncertain.
     least = SETTINGS.delay + max(motion.interval for motion in recordings.motions) / 2
     late = round(1000 * (recordings.delay - delay))
-    what = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
+    shift = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
     remedy = f'each effort must bear the time from which it acts: identify with a delay of {delay:.3f} s'
     level = Level.WARN if abs(delay - recordings.delay) >= least else Level.OK
     corrected = recordings.after(delay=delay).unexplained
-    yield Fault('delay', f'the effort {what}', remedy, level, corrected=corrected, delay=delay)
+    yield Fault('delay', f'the effort {shift}', remedy, level, corrected=corrected, delay=delay)
 
 
 def _unfit(recordings: _Recordings) -> Iterator[Fault]:
-    """Yield that the motion fits no pendubot, whatever the unit of its effort."""
+    """Yield a fault if the motion fits no pendubot with any unit of the effort."""
     moved = np.max([np.ptp(m.recorded.q, axis=0) for m in recordings.motions], axis=0)
     if math.isfinite(recordings.limit) and moved.min() > SETTINGS.moved:
         unfit = recordings.unexplained > SETTINGS.unfit
@@ -422,7 +422,7 @@ def _unfit(recordings: _Recordings) -> Iterator[Fault]:
 
 
 def _wrong_unit(recordings: _Recordings) -> Iterator[Fault]:
-    """Yield that the effort is in mN m, where otherwise no link could be as heavy for its length.
+    """Yield a fault if the effort is in mN m, by an implausible density of link 2.
 
     m2 is at least P5^2 / P2, and d2 at most P2 / P5.
     """
@@ -435,7 +435,7 @@ def _wrong_unit(recordings: _Recordings) -> Iterator[Fault]:
         if less_dense > recordings.limit * left:
             found = (
                 f'link 2 would weigh {P5**2 / P2:.3g} kg or more, within {100 * P2 / P5:.2g} cm of its joint; the '
-                'effort is as in mN m'
+                'effort seems to be in mN m'
             )
             change = Affine.of(T=np.eye(2) / 1000)
             yield Fault('unit', found, 'it must be in N m: divide it by 1000', Level.ERROR, change=change)
@@ -457,7 +457,7 @@ def _subtracted(joint: int, angle: float) -> Affine:
 
 
 def _pooled(parts: Sequence[Regression], more: Sequence[Array] | None = None) -> Quadratic:
-    """Return the criterion of recordings, with more columns for each of them."""
+    """Return the criterion of recordings, with additional columns for each of them."""
     columns = [part.phi for part in parts]
     if more is not None:
         columns = [np.column_stack(pair) for pair in zip(columns, more, strict=True)]

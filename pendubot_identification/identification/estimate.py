@@ -17,27 +17,27 @@ from pendubot_identification.optimizers.optimizer import OptimizationResult
 from .prediction import Prediction
 from .uncertainty import student_quantile
 
-#: Called now and then: what is being done, how much of it, of how much (0: not known), and the best J so far.
+#: Callback: activity, amount done, total amount (0: unknown), and the best J so far.
 Progress = Callable[[str, int, int, float], None]
 
-#: A run has found the minimum when its J exceeds the exact one by no more than this fraction.
+#: A run has found the minimum if its J exceeds the exact minimum by at most this fraction.
 REACHED = 1e-6
-#: An interval that reaches farther to either side, as a fraction of the value, says too little to be relied on.
+#: Half-width of an interval, as a fraction of the value, above which the value is not reliable.
 WIDE = 0.5
 #: Eigenvalue of a correlation matrix below which it is a rounding error.
 INDEPENDENT = 1e-10
-#: Of J.
+#: The unit of J of each criterion.
 UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'likelihood': 'nat per measurement'}
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How the recorded effort was taken.
+    """The hold and the delay of the recorded effort.
 
     Attributes:
         hold: ``zero`` or ``linear``, see :class:`.settings.Settings`.
-        delay: what acts on the motion at t is the effort recorded at t - delay [s].
-        std_error: of the delay [s]; NaN where it was not estimated.
+        delay: input delay [s]: the effort recorded at t - delay acts at t.
+        std_error: of the delay [s]; NaN if it was not estimated.
     """
 
     hold: str
@@ -47,11 +47,11 @@ class Effort:
 
 @dataclass(frozen=True, slots=True)
 class Zeros:
-    """How far off the zeros of recordings' positions are: the position that was read minus the true one.
+    """The zero errors of recordings: the recorded position minus the true one.
 
     Attributes:
-        recordings: their names.
-        angles: of both joints [rad], shape (2, R); NaN where they are not identifiable.
+        recordings: names of the recordings.
+        angles: of both joints [rad], shape (2, R); NaN if they are not identifiable.
         std_error: [rad], shape (2, R).
     """
 
@@ -68,33 +68,32 @@ class Estimate:
         criterion: ``energy``, ``weak`` or ``likelihood``.
         model: the name of one of :data:`.parameters.MODELS`.
         theta: the estimate, shape (D,).
-        free: which parameters lie on no bound, nor are fixed, shape (D,).
+        free: which parameters are neither on a bound nor fixed, shape (D,).
         covariance: shape (D, D); NaN in the rows and columns of parameters on a bound.
-        correlation: of the errors by the information matrix at theta, shape (D, D). (That of few recordings'
-            differences has only as many directions as there are differences.) NaN in the rows and columns of parameters
-            that are on a bound or not identifiable.
-        std_error: shape (D,); of a parameter on its bound, that without the bound; NaN if it is not in the model.
+        correlation: of the errors by the information matrix at theta, shape (D, D), because the covariance of few
+            recordings is singular. NaN in the rows and columns of parameters that are on a bound or not identifiable.
+        std_error: shape (D,); without the bound for a parameter on its bound; NaN if it is not in the model.
         freedom: degrees of freedom of the standard errors, infinite where they are normal, shape (D,) or ().
-        uncertainty: in words, how the covariance was found.
-        effort: how the effort was taken.
+        uncertainty: the method for the covariance, in words.
+        effort: hold and delay of the effort.
         J: the criterion on the training data, in :attr:`unit`.
-        residuals: how many residuals J averages.
+        residuals: number of residuals that J averages.
         condition_number: of the scaled information.
         converged: whether the optimiser found a minimum.
-        steps: in words, what each step of the optimisation came to.
-        unexplained: J over what it is with all parameters zero; NaN for ``likelihood``.
+        steps: the result of each step of the optimisation, in words.
+        unexplained: J over J with all parameters zero; NaN for ``likelihood``.
         J_exact: the exact minimum of a quadratic criterion within the bounds; NaN for others.
-        runs: what the runs of MDE found; None without.
-        J_validation: the criterion on validation data, NaN without.
+        runs: results of the runs of MDE; None without MDE.
+        J_validation: the criterion on validation data; NaN without them.
         J_validation_runs: the same for each run of MDE, shape (runs,); empty without.
         prediction: of validation data.
         zeros: of the recordings' positions; None where the criterion does not estimate them.
-        exact: whether the residuals are those of the encoders alone.
+        exact: whether the residual is at the quantization level.
         fixed: which parameters were fixed at a value, shape (D,).
-        absent: the parameters that are not in the model of this rig; theta has them as 0.
-        level: how far to trust it.
-        warnings: why, in sentences for the user.
-        consequences: what follows from a severe fault of the recordings, which the warnings name.
+        absent: the parameters that are not in the model of this rig, 0 in theta.
+        level: OK, WARN or ERROR.
+        warnings: reasons of the level, in sentences for the user.
+        consequences: other findings, if the warnings contain a severe fault of the recordings as their cause.
         advice: motions that would determine the poorly determined parameters.
     """
 
@@ -130,12 +129,12 @@ class Estimate:
 
     @property
     def unit(self) -> str:
-        """Of J."""
+        """The unit of J."""
         return UNITS_OF_J[self.criterion]
 
     @property
     def present(self) -> Flags:
-        """Which of theta are in the model of this rig, shape (D,)."""
+        """Which parameters are in the model of this rig, shape (D,)."""
         return ~np.isin(NAMES[: len(self.theta)], self.absent)
 
     @property
@@ -158,22 +157,22 @@ class Estimate:
     @property
     def not_covered(self) -> dict[str, str]:
         """The parameters that the level does not cover, because they are poorly determined, and why, by name."""
-        found = {}
+        reasons = {}
         for k in np.flatnonzero(self.present & ~self.fixed):
             value, reach = abs(self.theta[k]), self.half_width[k]
             if not self.free[k]:
-                found[NAMES[k]] = 'on its bound'
+                reasons[NAMES[k]] = 'on its bound'
             elif not np.isfinite(reach):
-                found[NAMES[k]] = 'not identifiable from this motion'
+                reasons[NAMES[k]] = 'not identifiable from this motion'
             elif reach >= value:
-                found[NAMES[k]] = 'its 95 % interval reaches 0'
+                reasons[NAMES[k]] = 'its 95 % interval reaches 0'
             elif reach > WIDE * value:
-                found[NAMES[k]] = f'its 95 % interval is +-{100 * reach / value:.0f} %'
-        return found
+                reasons[NAMES[k]] = f'its 95 % interval is +-{100 * reach / value:.0f} %'
+        return reasons
 
     @property
     def covariance_rank(self) -> int:
-        """The rank of the covariance of what lies on no bound: of few recordings or blocks, less than its size."""
+        """The rank of the covariance without parameters on a bound: with few recordings or blocks, it is singular."""
         variance = np.diag(self.covariance)
         known = np.isfinite(variance) & (variance > 0)
         deviation = np.sqrt(variance[known])
@@ -187,7 +186,7 @@ class Estimate:
 
     @property
     def runs_at_minimum(self) -> int:
-        """How many runs of MDE reached the exact minimum, or each other where none is known, to a relative 1e-6."""
+        """The number of runs of MDE within a relative 1e-6 of the exact minimum, or else of the best run."""
         if self.runs is None:
             return 1
         least = self.J_runs.min() if np.isnan(self.J_exact) else self.J_exact

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The estimator: composite innovations likelihood, then prediction error with it as prior, or a last exact step.
+"""The estimator: composite innovations likelihood, then prediction error with it as prior, or an exact fit.
 
-Rigs that leave nothing but the quantization of their encoders end with one filter on all samples. All others end with
-the prediction error, unless an unmodelled effect was accepted: then the joint likelihood stands.
+If the residual is at the quantization level, the rig is exact, and the last step is one filter on all samples. Else it
+is the prediction error; but with an accepted unmodelled effect, the likelihood is the last step.
 """
 
 from __future__ import annotations
@@ -46,26 +46,26 @@ GEARED = MODELS['geared']
 
 @dataclass(frozen=True, slots=True)
 class FittingSettings:
-    """How the likelihood is minimised, and when a rig is exact.
+    """Settings of the minimisation of the likelihood, and limits of an exact rig.
 
     Attributes:
-        shortest: recordings shorter than this [s] are not fitted.
-        least_share: at the start neither P1 nor P2 is less than this fraction of their sum: on a bound nothing moves.
+        shortest: shortest recording that is fitted [s].
+        least_share: least fraction of P1, and of P2, in their sum at the start: a start on a bound cannot move.
         noise: torque noise at the start, averaged over 0.1 s, as a fraction of the effort.
-        louder: after a filter has diverged its noise starts so many times larger.
-        smaller: and P1 to P5 so many times smaller.
-        held_step: above this sampling interval [s] held and measured torque differ by more than a delay.
-        quiet: torque noise of an exact rig over 0.1 s as a fraction of the effort, at shoulder and elbow: the geometric
-            mean of the most that simulated rigs have, 6e-4 and 3e-3, and the least that real ones have, .07 and .16.
-        quantized: positions' noise over their quantization, at most.
-        variance: mean of the squared innovations over their expected variances, at most, in every recording.
-        least: unexplained fraction of the innovations' variance that shows an effect: from the same factor.
-        fine: Runge-Kutta step [s] of the exact step where a joint is slower than ``slow`` [rad/s].
-        slow: six widths of the change of sign of dry friction, within which steps are as short as it needs.
-        between: longest such step [s] where the delay lets the torque change between samples, by more than a tenth of
-            it: steps take its mean.
-        several: with fewer recordings, blocks of time take their place.
-        search: faults, hold and effects are searched in so many seconds of the recordings; all confirm an effect.
+        louder: factor of the initial noise after a filter has diverged.
+        smaller: factor of P1 to P5 in a third attempt.
+        held_step: sampling interval [s] above which held and measured torque differ by more than a delay.
+        quiet: largest torque noise of an exact rig over 0.1 s over the effort, at shoulder and elbow: the geometric
+            mean of the largest of simulated rigs, 6e-4 and 3e-3, and the least of real ones, .07 and .16.
+        quantized: largest noise of the positions over their quantization.
+        variance: largest mean of the squared innovations over their expected variances, in every recording.
+        least: least unexplained fraction of the variance of the innovations that shows an effect: 1 - 1 / variance.
+        fine: Runge-Kutta step [s] of the exact fit where a joint is slower than ``slow`` [rad/s].
+        slow: six widths of the change of sign of dry friction [rad/s], within which short steps are needed.
+        between: longest step of the exact fit [s] if, by the delay, the torque changes between samples, by more than a
+            tenth of this: steps use the mean torque.
+        several: least number of recordings; with fewer, blocks of time are used instead.
+        search: duration of the excerpt [s] in which faults, hold and effects are searched; all data confirm effects.
     """
 
     shortest: float = 1.0
@@ -90,14 +90,14 @@ SETTINGS = FittingSettings()
 
 @dataclass(frozen=True, slots=True)
 class TrainingData:
-    """Recordings ready to be fitted.
+    """Prepared training recordings.
 
     Attributes:
-        motions: with states and torques.
-        smoothing: the window [s] that made their states.
+        motions: the recordings with states and torques.
+        smoothing: smoothing window of the states [s].
         hold: of the torque between samples: ``zero`` or ``linear``.
         scale: the states' standard deviations, shape (4,).
-        settings: what was asked for.
+        settings: of the identification.
     """
 
     motions: tuple[Motion, ...]
@@ -108,10 +108,10 @@ class TrainingData:
 
     @classmethod
     def prepare(cls, trajectories: Sequence[Trajectory], settings: Settings) -> TrainingData:
-        """Choose the smoothing, and make the recordings ready.
+        """Select the smoothing, and prepare the recordings.
 
         Raises:
-            TrajectoryError: all are too short for what is asked for.
+            TrajectoryError: all recordings are too short for the criteria.
         """
         longest, shortest = max(trajectories, key=lambda t: t.duration), SETTINGS.shortest
         if settings.criteria != ('energy',) and longest.duration < shortest:
@@ -130,42 +130,42 @@ class TrainingData:
         return min(1.0, SETTINGS.search / sum(m.end - m.start for m in self.motions))
 
     def excerpt(self) -> TrainingData:
-        """Return that fraction of every recording, from its middle."""
+        """Return the fraction :attr:`searched` of every recording, from its middle."""
         share = self.searched
         return self if share == 1 else replace(self, motions=tuple(m.middle(share) for m in self.motions))
 
     def held(self, hold: str) -> TrainingData:
-        """Return the same under another hold: ``zero``, or ``linear`` between the torques' samples."""
+        """Return the data with another hold of the torque, ``zero`` or ``linear``."""
         motions = tuple(Motion.prepare(m.recorded, self.smoothing, hold) for m in self.motions)
         return replace(self, motions=motions, hold=hold)
 
     def linear(self, criterion: str, model: str) -> Linear:
-        """Return a quadratic criterion, with the delay and the weights that suit the motions; it is made once."""
-        what = criterion, model, self.hold, tuple(m.name for m in self.motions)
-        return self.motions[0].once(what, lambda: linear(criterion, self.motions, model, self.settings))
+        """Return a quadratic criterion with estimated delay and weights, from a cache."""
+        key = criterion, model, self.hold, tuple(m.name for m in self.motions)
+        return self.motions[0].once(key, lambda: linear(criterion, self.motions, model, self.settings))
 
 
 @dataclass(frozen=True, slots=True)
 class Composite:
-    """The estimator's answer for recordings of one rig, with what each block of time says of it.
+    """The estimate from recordings of one rig, with the contribution of each block of time.
 
     Attributes:
-        data: what was fitted, with the hold that was chosen.
+        data: the fitted data, with the selected hold.
         model: the name of one of :data:`.parameters.MODELS`.
         theta: shape (14,).
-        free: which of them are sought and lie on no bound, shape (14,).
+        free: which parameters are estimated and not on a bound, shape (14,).
         delay: of the effort [s], and ``delay_std_error``; NaN where it was not estimated.
-        exact: whether nothing but quantization is left.
-        effects: that were found.
-        information: of theta, all else eliminated, shape (14, 14).
+        exact: whether the residual is at the quantization level.
+        effects: detected effects.
+        information: of theta, with other unknowns eliminated, shape (14, 14).
         slopes: of each block of time at theta, shape (B, 14).
-        informations: likewise, shape (B, 14, 14).
-        owner: each block's recording, shape (B,).
-        filter_data: how the recordings were read.
+        informations: of each block of time, shape (B, 14, 14).
+        owner: index of the recording of each block, shape (B,).
+        filter_data: of the last filter.
         unexplained: the fraction of the innovations' variance that quantization does not explain, shape (2,).
         J: the likelihood per measurement.
-        converged: whether they ended at a minimum.
-        steps: in words.
+        converged: whether all fits converged.
+        steps: of the optimisation, in words.
         offsets: of the positions [rad], shape (2,).
         rough: the fit of the shortest interval.
     """
@@ -192,11 +192,11 @@ class Composite:
 
     @property
     def difference(self) -> Array:
-        """From the estimate of the shortest interval, shape (14,); 0 where nothing but quantization is left."""
+        """The difference of theta to the fit of the shortest interval, shape (14,); 0 if the rig is exact."""
         return np.zeros(GEARED) if self.exact else np.where(self.free, self.theta - self.rough.fit.x[:GEARED], 0.0)
 
     def without(self, blocks: Flags) -> Array:
-        """Return theta without some blocks of time, shape (14,): one scoring step of all others, within bounds."""
+        """Return theta without some blocks of time, shape (14,), by one scoring step of all others, within bounds."""
         rest = self.information - self.informations[blocks].sum(axis=0)
         box = self.data.settings.box('geared')
         bounds = Bounds(
@@ -211,13 +211,13 @@ class Composite:
 
 @dataclass(frozen=True, slots=True)
 class Fits:
-    """One model's fits.
+    """The fits of one model.
 
     Attributes:
         data: with the hold of the torque.
         rough: of the shortest interval.
         all_intervals: of all intervals.
-        exact: of all samples; None where more than quantization is left.
+        exact: of all samples; None if the residual is above the quantization level.
     """
 
     data: TrainingData
@@ -227,12 +227,12 @@ class Fits:
 
     @classmethod
     def of(cls, data: TrainingData, rough: Problem, progress: Progress) -> Fits:
-        """Go on from the shortest interval."""
+        """Continue from the fit of the shortest interval."""
         all_intervals = _all_levels(data, rough, progress)
         return cls(data, rough, all_intervals, _exact_fit(data, rough, all_intervals, progress))
 
     def completed(self, data: TrainingData, progress: Progress) -> Fits:
-        """Go on from a part of the recordings to all of them: those of an exact rig need no fit of all intervals."""
+        """Return the fits of all data, from the fits of an excerpt; an exact rig needs no fit of all intervals."""
         if data.searched == 1:
             return self
         rough = _refit(data, self.rough, progress)
@@ -242,15 +242,14 @@ class Fits:
 
     @property
     def last(self) -> Problem:
-        """The fit that counts."""
+        """The final fit."""
         return self.exact or self.all_intervals
 
     def surely_better(self, before: Fits, found: DetectedEffect, share: float = 1.0) -> bool:
-        """Return whether an effect is sure; z of all recordings is larger by the root of the share that was fitted.
+        """Return whether an effect is significant; ``share``: the fitted fraction of the data, which scales z.
 
-        It is where nothing but quantization is left with it alone. Otherwise all samples of an exact rig decide by
-        Vuong's test, and all intervals of others: within short ones a torque that grows with an angle may pass for
-        gravity.
+        It is if the rig is exact only with it. Otherwise Vuong's test decides, for an exact rig on all samples, for
+        others on all intervals: short ones hardly distinguish a spring from gravity.
         """
         if (self.exact is None) is not (before.exact is None):
             return self.exact is not None
@@ -265,7 +264,7 @@ class Fits:
 
 
 def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = True) -> Composite:
-    """Estimate parameters by the composite likelihood and what follows it."""
+    """Estimate parameters by the composite likelihood and the last step."""
     part = data.excerpt()
     begin = _first_fit(part, progress)
     part, begin = _best_hold(part, begin, progress)
@@ -273,11 +272,11 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     data, found = _complete(data, part), list[DetectedEffect]()
     try:
         best = fits.completed(data, progress)
-    except FloatingPointError:  # a filter diverges outside the middles
+    except FloatingPointError:  # a filter diverges outside the excerpt
         best = Fits.of(data, _first_fit(data, progress), progress)
     steps = [f'innovations at 0.05 s: {begin.fit.iterations} scoring steps, J = {best.rough.fit.cost:.6g}']
     if effects:
-        progress('looking for unmodelled effects', 0, 0, math.nan)
+        progress('searching for unmodelled effects', 0, 0, math.nan)
         best, found = _with_effects(best, fits, progress)
     steps += [f'together with {each.name} ({each.where})' for each in found if each.accepted]
     if best.data.hold == 'linear' and best.data.settings.hold == 'auto':
@@ -288,7 +287,7 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     )
     answer = _composite(best, found)
     if best.exact is not None:
-        steps.append(f'all samples: {best.exact.fit.iterations} scoring steps; nothing but quantization is left')
+        steps.append(f'all samples: {best.exact.fit.iterations} scoring steps; residual at the quantization level')
     elif not any(each.accepted for each in found):
         progress('likelihood: prediction error', 0, 0, math.nan)
         answer = _refined(answer)
@@ -297,26 +296,26 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
 
 
 def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, list[DetectedEffect]]:
-    """Return the fits with the effects that are sure, and these, the last perhaps a possible one.
+    """Return the fits with the accepted effects, and the detected effects; the last one may be possible only.
 
-    They are found in a part of the recordings; those that are sure there must be so in all of them.
+    Effects are detected in an excerpt, and accepted if they are also significant in all data.
     """
     found, last = list[DetectedEffect](), part
     for each, problem in find_effects(part.rough, EffectSettings(share=best.data.searched)):
-        sure = each.accepted or _nearly_exact(part.data, problem)
-        if sure:
+        accepted = each.accepted or _nearly_exact(part.data, problem)
+        if accepted:
             try:
-                beside = Fits.of(part.data, problem, progress)
-                sure = beside.surely_better(last, each, best.data.searched)
-                complete = beside.completed(best.data, progress) if sure else best
+                extended = Fits.of(part.data, problem, progress)
+                accepted = extended.surely_better(last, each, best.data.searched)
+                complete = extended.completed(best.data, progress) if accepted else best
             except FloatingPointError:
                 break
-            sure = sure and complete.surely_better(best, each)
-        if sure or each.z > EffectSettings().possible:
-            found.append(replace(each, accepted=sure))
-        if not sure:
+            accepted = accepted and complete.surely_better(best, each)
+        if accepted or each.z > EffectSettings().possible:
+            found.append(replace(each, accepted=accepted))
+        if not accepted:
             break
-        best, last = complete, beside
+        best, last = complete, extended
     if last is not part:
         held, rough = _best_hold(last.data, last.rough, progress)
         if held.hold != best.data.hold:
@@ -325,7 +324,7 @@ def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, lis
 
 
 def _best_hold(data: TrainingData, rough: Problem, progress: Progress) -> tuple[TrainingData, Problem]:
-    """Return the data and their fit with the hold of the torque that is likelier."""
+    """Return the data and their fit with the likelier hold of the torque."""
     if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= SETTINGS.held_step:
         return data, rough
     other = data.held('linear' if data.hold == 'zero' else 'zero')
@@ -334,13 +333,13 @@ def _best_hold(data: TrainingData, rough: Problem, progress: Progress) -> tuple[
     x[at:] = np.maximum(x[at:], _first_noise(other, rough.likelihood.filter_data))
     try:
         tried = _refit(other, replace(rough, fit=replace(rough.fit, x=x)), progress)
-    except FloatingPointError:  # under the other torques the filter diverges
+    except FloatingPointError:  # the filter diverges with the other hold
         return data, rough
     return (other, tried) if tried.fit.cost < rough.fit.cost else (data, rough)
 
 
 def _complete(data: TrainingData, part: TrainingData) -> TrainingData:
-    """Return all of the data, with the hold that was chosen for a part of them."""
+    """Return all data, with the hold that was selected for an excerpt."""
     if part.hold == data.hold:
         return data
     return part if data.searched == 1 else data.held(part.hold)
@@ -375,7 +374,7 @@ def with_fitted_noise(motions: Sequence[Motion], theta: Array, delay: float, set
 
 
 def _scale(data: TrainingData, theta: Array) -> Array:
-    """Return the size of the shared unknowns, from which differences are taken."""
+    """Return the scale of the shared unknowns, for finite differences."""
     inertia, mass = max(theta[:2].sum(), 1e-9), max(theta[3:5].sum(), 1e-9)
     effort, speed = _effort(data).max(), max(float(data.scale[2:].max()), 1e-3)
     of = {'P1': inertia, 'P2': inertia, 'P3': inertia, 'P4': mass, 'P5': mass, 'J2': inertia, 'k1': 1.0, 'k2': 1.0}
@@ -384,19 +383,19 @@ def _scale(data: TrainingData, theta: Array) -> Array:
 
 
 def _effort(data: TrainingData) -> Array:
-    """Return the root mean square of both torques [N m]; of a joint without a motor a tenth of the other's."""
+    """Return the root mean square of both torques [N m]; without a motor, a tenth of the other one."""
     tau = root_mean_square_torque(data.motions)
     return np.asarray(np.maximum(tau, max(0.1 * tau.max(), 1e-9)))
 
 
 def _box(settings: Settings, model: str) -> Bounds:
-    """Return bounds of all of theta; what is not in the model is held at 0."""
+    """Return bounds of all of theta; parameters that are not in the model are fixed at 0."""
     box, inside = settings.box('geared'), np.arange(GEARED) < MODELS[model]
     return Bounds(np.where(inside, box.lower, 0.0), np.where(inside, box.upper, 0.0), box.names)
 
 
 def _limits(data: TrainingData, filter_data: FilterData) -> tuple[Array, Array]:
-    """Return bounds of theta, delay, offsets and noise: positions are at least as noisy as their quantization."""
+    """Return bounds of theta, delay, offsets and noise; the noise of positions is at least their quantization."""
     box = _box(data.settings, 'geared' if data.settings.model == 'auto' else data.settings.model)
     low, high = data.settings.delays
     noise = np.log(filter_data.quantization) / 2
@@ -408,9 +407,9 @@ def _limits(data: TrainingData, filter_data: FilterData) -> tuple[Array, Array]:
 
 
 def _first_fit(data: TrainingData, progress: Progress) -> Problem:
-    """Fit the shortest interval alone, from each of the rough parameters, and return the likeliest answer.
+    """Fit the shortest interval alone, from each of the rough parameters, and return the most likely fit.
 
-    Dry friction is stiff: if the answer has more of it than the steps allow for, all is done anew with finer ones.
+    Dry friction is stiff: if the result needs shorter steps than the filter had, the fit is repeated.
     """
     starts = list(_rough(data))
     fine = max(_stable_step(data, theta) for theta, _ in starts)
@@ -428,18 +427,18 @@ def _first_fit(data: TrainingData, progress: Progress) -> Problem:
 
 
 def _stable_step(data: TrainingData, theta: Array) -> float:
-    """Return the longest step [s] of the filter in which dry friction of this size is stable."""
+    """Return the longest step [s] of the filter that is stable with the dry friction of theta."""
     step = LikelihoodSettings().step
     return step / substeps(Parameters.from_vector(theta), _effort(data), step)
 
 
 def _shortest(fine: float) -> LikelihoodSettings:
-    """Return how recordings are read at the shortest interval, in steps of at most ``fine`` [s] near standstill."""
+    """Return the settings of the shortest interval, with steps of at most ``fine`` [s] near standstill."""
     return LikelihoodSettings(intervals=LikelihoodSettings().intervals[:1], fine=fine, slow=SETTINGS.slow)
 
 
 def _fit_from(data: TrainingData, theta: Array, delay: float, fine: float, progress: Progress) -> Problem | None:
-    """Fit the shortest interval from rough parameters; None where the filter diverges whatever its noise."""
+    """Fit the shortest interval from rough parameters; None if the filter diverges with any noise."""
     filter_data = FilterData.of(data.motions, _shortest(fine))
     lower, upper = _limits(data, filter_data)
     like, noise = Likelihood(filter_data, scale=_scale(data, theta)), _first_noise(data, filter_data)
@@ -454,28 +453,28 @@ def _fit_from(data: TrainingData, theta: Array, delay: float, fine: float, progr
 
 
 def _rough(data: TrainingData) -> Iterator[tuple[Array, float]]:
-    """Yield theta, shape (14,), and a delay [s] to start from: those given, or the answers of the weak criterion.
+    """Yield theta, shape (14,), and delay [s] of each start: from the settings, or by the weak criterion.
 
-    Smoothed velocities of few samples may pass for a delay of the torque, so that it is tried without one, too.
-    Friction under load starts at 0: in the weak criterion it may pass for a motor with less torque.
+    With few samples, smoothed velocities may have the effect of a delay, so that the least delay is tried as well.
+    Friction under load starts at 0: the weak criterion hardly distinguishes it from a smaller torque.
     """
     settings = data.settings
     none, model = settings.least_delay, 'rotor' if settings.model in ('auto', 'geared') else settings.model
     if settings.start is not None:
         answers = [(settings.start.vector('geared'), none)]
     else:
-        made = [data.linear('weak', model)]
-        if abs(made[0].delay - none) > max(m.interval for m in data.motions) / 2:
-            made.append(linear('weak', data.motions, model, replace(settings, delays=(none, none))))
+        weak = [data.linear('weak', model)]
+        if abs(weak[0].delay - none) > max(m.interval for m in data.motions) / 2:
+            weak.append(linear('weak', data.motions, model, replace(settings, delays=(none, none))))
         rest = np.zeros(GEARED - MODELS[model])
-        answers = [(np.append(each.criterion.minimum(settings.box(model)), rest), each.delay) for each in made]
+        answers = [(np.append(each.criterion.minimum(settings.box(model)), rest), each.delay) for each in weak]
     for theta, delay in answers:
         theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
         yield theta, delay
 
 
 def _first_noise(data: TrainingData, filter_data: FilterData) -> Array:
-    """Return the logarithms of the positions' and the torques' noise at the start, shape (4,)."""
+    """Return the logarithms of the initial noise of positions and torques, shape (4,)."""
     torque = SETTINGS.noise * math.sqrt(0.1) * _effort(data)
     return np.log(np.append(1.5 * np.sqrt(filter_data.quantization), torque))
 
@@ -485,10 +484,10 @@ def _fit(like: Likelihood, x: Array, lower: Array, upper: Array, progress: Progr
 
 
 def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Problem:
-    """Fit all intervals, from the shortest one's answer; intervals at which a filter diverges are left out."""
-    intervals, how = LikelihoodSettings().intervals, rough.likelihood.filter_data.settings
+    """Fit all intervals, from the fit of the shortest one, without the longest ones if a filter diverges."""
+    intervals, settings = LikelihoodSettings().intervals, rough.likelihood.filter_data.settings
     while True:
-        filter_data = FilterData.of(data.motions, replace(how, intervals=intervals))
+        filter_data = FilterData.of(data.motions, replace(settings, intervals=intervals))
         like, at = rough.likelihood.of(filter_data), rough.likelihood.shared
 
         def wider(values: Array, at: int = at, count: int = len(intervals)) -> Array:
@@ -512,9 +511,9 @@ def _nearly_exact(data: TrainingData, problem: Problem) -> bool:
 def _exact_fit(
     data: TrainingData, rough: Problem, all_intervals: Problem, progress: Progress, near: Problem | None = None
 ) -> Problem | None:
-    """Fit all samples by one Gaussian filter if nothing but quantization is left then; None otherwise.
+    """Fit all samples by one Gaussian filter; None if the residual is above the quantization level.
 
-    It starts from all intervals, or near the exact fit of a part of the recordings.
+    The start is the fit of all intervals, or the exact fit of an excerpt.
     """
     if not _nearly_exact(data, all_intervals):
         return None
@@ -547,7 +546,7 @@ def _exact_fit(
     for rows in filter_data.rows:
         if not ((e[rows] ** 2 / s[rows]).mean(axis=0) < SETTINGS.variance).all():
             return None
-    # Torque noise at its limit: more may be needed, unless quantization hides it.
+    # Torque noise at its limit may be too small, unless quantization is larger.
     if (found.x[at:] > upper[at:] - 1e-6).any() and (unexplained(rough.likelihood, found.x) > SETTINGS.least).any():
         return None
     return _smallest(data, Problem(like, found, lower, upper))
@@ -565,7 +564,7 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
         x = problem.fit.x.copy()
         others = np.setdiff1d(np.flatnonzero(problem.fit.free), dropped)
         H = problem.fit.information
-        # The minimum over the others once these are fixed at 0.
+        # The minimum over the others if the dropped ones are fixed at 0.
         if dropped.size:
             x[others] += np.linalg.lstsq(
                 H[np.ix_(others, others)], H[np.ix_(others, dropped)] @ x[dropped], rcond=1e-12
@@ -587,14 +586,14 @@ def _smallest(data: TrainingData, problem: Problem) -> Problem:
 def unexplained(likelihood: Likelihood, x: Array) -> Array:
     """Return the fraction of both joints' innovation variance that quantization does not explain, shape (2,)."""
     e, s = likelihood.innovations(x)
-    # The first innovations, of a speed that is not known yet, would hide all others.
+    # The weights reduce the first innovations, at which the speed is still unknown.
     weights = (likelihood.filter_data.weight[:, None] + 1e-12) / s
     variance = np.average(e**2, axis=0, weights=weights)
     return np.clip(1 - likelihood.filter_data.quantization / np.maximum(variance, 1e-300), 0.0, 1.0)
 
 
 def _composite(fits: Fits, found: Sequence[DetectedEffect]) -> Composite:
-    """Return the answer of a likelihood, with all but theta eliminated."""
+    """Return the estimate by the final likelihood, with all unknowns but theta eliminated."""
     data, rough, problem = fits.data, fits.rough, fits.last
     like, solved = problem.likelihood, problem.fit
     H, free = solved.information, solved.free
@@ -642,7 +641,7 @@ def _sized(found: Sequence[DetectedEffect], x: Array) -> tuple[DetectedEffect, .
 
 
 def _refined(answer: Composite) -> Composite:
-    """Return the answer that predicts, with the likelihood's as prior."""
+    """Return the estimate after the prediction error, with the likelihood as prior."""
     data, bounds = answer.data, _box(answer.data.settings, answer.model)
     pull = np.where(answer.free, 0.0, answer.slopes.sum(axis=0))
     try:
@@ -664,7 +663,7 @@ def _refined(answer: Composite) -> Composite:
         theta=better.theta,
         free=(better.theta > bounds.lower + margin) & (better.theta < bounds.upper - margin),
         information=better.information,
-        # The prior's slope at its own minimum moves along with theta.
+        # The slope of the prior changes with theta.
         slopes=answer.slopes + np.einsum('bij,j->bi', answer.informations, better.theta - answer.theta) + better.slopes,
         informations=answer.informations + better.informations,
     )

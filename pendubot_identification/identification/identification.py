@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An identification: its state after each stage, and its result."""
+"""The state of an identification after each stage, and its result."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from .settings import Settings
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """Every criterion's answer, which one is published, and the findings on which its level rests.
+    """The estimates of all criteria, and the findings for the level of the published one.
 
     Attributes:
-        settings: what was asked for.
-        estimates: one a criterion: those that were asked for, and the paper's, energy.
-        published: the number of the one that is published.
+        settings: of the identification.
+        estimates: one for each requested criterion, and for energy.
+        published: index of the published estimate.
         faults: of the recordings.
-        interval: between the training samples [s].
-        smoothing: the window [s] that made the states.
-        validation: which data are predicted, in words.
-        link_length: P3 / P5 [m] of the elbow's own equation, and its standard error.
+        interval: sampling interval of the training data [s].
+        smoothing: smoothing window of the states [s].
+        validation: the predicted data, in words.
+        link_length: P3 / P5 [m] by the elbow's equation, and its standard error.
         effects: unmodelled effects, the accepted ones first.
-        unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None where
-            the likelihood was not minimised, or nothing but quantization is left.
+        unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None
+            without the likelihood, or if the residual is at the quantization level.
         uncorrected: the identification before the first correction of the recordings; None without one.
     """
 
@@ -59,16 +59,16 @@ class Identification:
 
     @property
     def level(self) -> Level:
-        """How far to trust them."""
+        """The level of the published estimate."""
         return self.best.level
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Why, in sentences for the user."""
+        """The reasons of the level, in sentences for the user."""
         return self.best.warnings
 
     def compensated(self, motion: Motion) -> Motion:
-        """Return a motion with the torques that act, by the accepted effects."""
+        """Return a motion with the acting torques by the accepted effects."""
         return compensated(motion, self.effects, self.best.effort.delay)
 
 
@@ -77,15 +77,15 @@ class Run:
     """The state of an identification after a stage.
 
     Attributes:
-        settings: what was asked for.
+        settings: of the identification.
         data: the training recordings.
         validation_motions: motions for validation alone.
-        notes: warnings that came with the data, for every criterion.
-        remarks: warnings for the published one.
+        notes: warnings of the data, for every criterion.
+        remarks: warnings for the published criterion.
         faults: of the recordings.
-        composite: the likelihood's answer.
-        folds: the training data, of which each part is predicted from the rest.
-        estimates: one a criterion.
+        composite: the estimate by the likelihood.
+        folds: parts of the training data, each predicted from the rest.
+        estimates: one for each criterion.
     """
 
     settings: Settings
@@ -100,7 +100,7 @@ class Run:
 
     @property
     def criteria(self) -> list[str]:
-        """Those that were asked for, and the paper's."""
+        """The requested criteria, and energy."""
         return [c for c in CRITERIA if c in self.settings.criteria or c == 'energy']
 
     @property
@@ -110,7 +110,7 @@ class Run:
 
     @property
     def validation(self) -> str:
-        """Which data are predicted, in words."""
+        """The predicted data, in words."""
         if self.validation_motions:
             return 'on data that was not used for estimation'
         if len(self.folds) == len(self.data.motions):

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The criteria that are quadratic in theta, energy and weak: exact minimum, MDE beside it, uncertainty."""
+"""The criteria that are quadratic in theta, energy and weak: exact minimum, MDE, uncertainty."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from .uncertainty import correlations, regression_covariance
 
 
 class Linear(NamedTuple):
-    """A quadratic criterion made of recordings.
+    """A quadratic criterion of recordings.
 
     Attributes:
         residuals: of each recording.
-        criterion: all of them together.
+        criterion: pooled over the recordings.
         delay: of the effort [s].
         weights: of the three weak-form residuals, shape (3,); empty for ``energy``.
     """
@@ -46,7 +46,7 @@ class Linear(NamedTuple):
 
 
 def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
-    """Make the criterion ``name`` of recordings, with the delay and the weights that suit them or those of another."""
+    """Return the criterion ``name`` of recordings, with estimated delay and weights, or with those in ``like``."""
     if name == 'energy':
         smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
         residuals = [energy_regression(m.recorded, settings.sliding, smoothing, model) for m in motions]
@@ -64,21 +64,21 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
 
 
 def estimate_linear(
-    name: str, made: Linear, model: str, settings: Settings, hold: str, progress: Progress, assess: Linear | None
+    name: str, problem: Linear, model: str, settings: Settings, hold: str, progress: Progress, assess: Linear | None
 ) -> Estimate:
-    """Minimise a quadratic criterion, by MDE unless ``lsq`` is asked for, and hold it against its exact minimum."""
-    criterion, bounds = made.criterion, settings.box(model)
+    """Minimise a quadratic criterion, by MDE unless the optimizer is ``lsq``, and compare the exact minimum."""
+    criterion, bounds = problem.criterion, settings.box(model)
     theta = criterion.minimum(bounds)
     J_exact, runs, step = float(criterion(theta)), None, 'exact bounded least squares'
     if settings.optimizer != 'lsq':
-        how, count = settings.search(name, model)
+        mde_settings, count = settings.search(name, model)
         runs = mde(
             Penalised.of(criterion),
             bounds,
-            how,
+            mde_settings,
             runs=count,
             seed=settings.seed,
-            progress=lambda generation, best: progress(f'{name}: MDE', generation, how.generations, best),
+            progress=lambda generation, best: progress(f'{name}: MDE', generation, mde_settings.generations, best),
         )
         theta = repaired(runs.x)[runs.best]
         reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
@@ -86,9 +86,9 @@ def estimate_linear(
             f'MDE: {reached} of {count} runs reached the exact minimum to a relative {REACHED:g}, '
             f'J = {runs.value.min():.6e}, exact {J_exact:.6e}'
         )
-    J, still = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
-    free, sought = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.fixed
-    covariance, std_error, freedom, words = regression_covariance(made.residuals, theta, free)
+    J, J_zero = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
+    free, estimated = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.fixed
+    covariance, std_error, freedom, method = regression_covariance(problem.residuals, theta, free)
     validation_quadratic = None if assess is None else assess.criterion
     return Estimate(
         criterion=name,
@@ -99,14 +99,14 @@ def estimate_linear(
         correlation=correlations(criterion.phi.T @ criterion.phi, free),
         std_error=np.where(bounds.fixed, 0.0, np.where(bounds.present, std_error, np.nan)),
         freedom=freedom,
-        uncertainty=words,
-        effort=Effort(hold if name == 'weak' else 'zero', made.delay),
+        uncertainty=method,
+        effort=Effort(hold if name == 'weak' else 'zero', problem.delay),
         J=J,
         residuals=criterion.count,
-        condition_number=criterion.condition_number(sought),
+        condition_number=criterion.condition_number(estimated),
         converged=True,
         steps=(step,),
-        unexplained=J / max(still, np.finfo(float).tiny),
+        unexplained=J / max(J_zero, np.finfo(float).tiny),
         J_exact=J_exact,
         runs=runs,
         J_validation=np.nan if validation_quadratic is None else float(validation_quadratic(theta)),

@@ -1,25 +1,25 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The options of an identification: names, defaults, ranges and help, for the command line and ROS alike.
+"""The options of an identification: names, defaults, ranges and help, for the command line and ROS.
 
-Nothing heavy is imported here: ``--help`` needs no numpy.
+This module imports no numpy, so that ``--help`` is fast.
 """
 
 from pendubot_identification.model import MODELS
 from pendubot_identification.setting import Setting, interval, words
 
 CRITERIA = ('energy', 'weak', 'likelihood')
-#: The effort's delay is searched within these [s].
+#: Default search interval of the delay of the effort [s].
 DELAYS = (-0.1, 0.1)
-#: A run of MDE stops when its population has converged this closely: then its best J has long been the minimum to a
-#: relative 1e-6, and the rest of 4000 generations changes no printed digit.
+#: Relative spread of the population at which a run of MDE stops: its best J is then within 1e-6 of the minimum, and
+#: further generations change no printed digit.
 SPREAD = 1e-9
 
 CRITERION = Setting(
     'criterion',
     '',
-    f'what is minimised, of {", ".join(CRITERIA)}, with commas between them; by default likelihood. MDE minimises '
+    f'criteria to minimise, of {", ".join(CRITERIA)}, separated by commas; by default likelihood. MDE minimises '
     'energy in every identification',
     choices=CRITERIA,
     optional=True,
@@ -28,33 +28,33 @@ CRITERION = Setting(
 DELAY = Setting(
     'delay',
     DELAYS,
-    'how much later than stamped the torque acts (of weak and likelihood), estimated between two values, or fixed '
-    'where they are equal',
+    'delay of the torque after its stamp (weak and likelihood), estimated between two values, or fixed if they are '
+    'equal',
     's',
     -0.5,
     0.5,
     read=lambda value: interval('delay', value, '0:0.02'),
 )
 START = Setting(
-    'start', '', 'result file from whose parameters likelihood starts; by default the answer of weak', optional=True
+    'start', '', 'result file from whose parameters likelihood starts; by default the estimate by weak', optional=True
 )
-PER_VECTOR = Setting('per_vector', False, "draw MDE's operator once per vector; beyond energy and viscous it always is")
+PER_VECTOR = Setting('per_vector', False, "draw MDE's operator once per vector, as always beyond energy and viscous")
 SPREAD_LIMIT = Setting(
     'spread',
     SPREAD,
     'stop a run of MDE when the worst J of its population exceeds the best by no more than this fraction; by default '
-    '1e-9, which loses nothing; 0 takes every generation, as in the paper',
+    '1e-9, without loss of accuracy; 0 runs all generations, as in the paper',
     '',
     0.0,
     1.0,
     optional=True,
 )
-WHAT = (
+SCOPE = (
     CRITERION,
     Setting(
         'model',
         'auto',
-        'which parameters there are; auto: the smallest model that is exact, or else the largest',
+        'set of parameters; auto: the smallest model with a residual at the quantization level, or else the largest',
         choices=('auto', *MODELS),
     ),
 )
@@ -63,7 +63,7 @@ DATA = (
         'hold',
         'auto',
         'the torque between its samples: zero, it is held, as the bridge records it; linear, it was measured; auto, '
-        'what explains the motion better. energy always takes it as held',
+        'the hold that fits the motion better. energy always uses zero',
         choices=('auto', 'zero', 'linear'),
     ),
     DELAY,
@@ -73,7 +73,7 @@ DATA = (
     Setting(
         'link_length',
         0.0,
-        'length of link 1 by a ruler, against which the data are held; by default not known',
+        'measured length of link 1, for a check of the data; by default unknown',
         'm',
         1e-3,
         100.0,
@@ -82,7 +82,7 @@ DATA = (
     Setting(
         'link_mass',
         0.0,
-        'mass of link 2 by scales, against which the unit of the torque is held; by default not known',
+        'weighed mass of link 2, for a check of the unit of the torque; by default unknown',
         'kg',
         1e-4,
         1e4,
@@ -101,7 +101,7 @@ HOW = (
     Setting('seed', 1, 'same seed, same result', '', 0),
     SPREAD_LIMIT,
 )
-#: Of files of settings, the node and Python, but not of the command line.
+#: Options of settings files, the node and Python, but not of the command line.
 EXPERT = (
     Setting(
         'smoothing',
@@ -122,7 +122,7 @@ MDE = (SPREAD_LIMIT, *EXPERT[1:])
 APPLY_REMEDIES = Setting(
     'apply_remedies',
     False,
-    'read the recordings as a fault that is named in them asks for, and identify again; the result says what was '
-    'applied',
+    'correct reported faults of the recordings by options of the conversion, and identify again; the result lists '
+    'these options',
 )
-OPTIONS = (*WHAT, *DATA, *HOW, *EXPERT)
+OPTIONS = (*SCOPE, *DATA, *HOW, *EXPERT)

@@ -40,7 +40,7 @@ def identify(
 ) -> Identification:
     """Estimate the parameters of a rig from one or more of its motions.
 
-    Where the stamps of one are evidently false, even ones take their place.
+    Inconsistent timestamps of a motion are replaced by even ones.
 
     Args:
         training: the motions that estimate; they are pooled.
@@ -48,13 +48,13 @@ def identify(
             two) is predicted from the others in turn; the estimates themselves use all of them.
         settings: see :class:`Settings`.
         progress: see :data:`.estimate.Progress`.
-        notes: warnings that come with the data, such as a bag that was never closed.
+        notes: warnings of the data, such as an unclosed bag.
 
     Raises:
-        TrajectoryError: a motion that is too short or has gaps.
-        ExcitationError: a motion from which some parameters are not identifiable.
+        TrajectoryError: a motion is too short or has gaps.
+        ExcitationError: some parameters are not identifiable from the motions.
     """
-    report = progress or (lambda what, done, of, best: None)
+    report = progress or (lambda activity, done, total, best: None)
     prepared = _prepare(training, validation, settings or Settings(), notes, report)
     checked = _check_conventions(prepared, report)
     fitted = _fit(checked, report)
@@ -65,12 +65,12 @@ def identify(
 def check(
     training: Sequence[Trajectory], validation: Sequence[Trajectory] = (), settings: Settings | None = None
 ) -> tuple[Fault, ...]:
-    """Return the faults of the recordings' conventions, as :func:`identify` does before it fits.
+    """Return the faults of the recordings' conventions, as :func:`identify` before the fit.
 
     Raises:
         TrajectoryError, ExcitationError: as :func:`identify`.
     """
-    prepared = _prepare(training, validation, settings or Settings(), (), lambda what, done, of, best: None)
+    prepared = _prepare(training, validation, settings or Settings(), (), lambda activity, done, total, best: None)
     return _faults(prepared, prepared.data.motions)
 
 
@@ -81,7 +81,7 @@ def _prepare(
     notes: Sequence[str],
     report: Progress,
 ) -> Run:
-    """Smooth the recordings, if their motion is informative at all."""
+    """Require informative motion, and smooth the recordings."""
     report('preparing', 0, 0, math.nan)
     motions, validation_motions = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
     for motion in (*motions, *validation_motions):
@@ -132,8 +132,8 @@ def _remaining_faults(run: Run, composite: Composite) -> tuple[Fault, ...]:
     if not faults or not accepted:
         return faults
     motions = composite.data.excerpt().motions
-    left = _faults(run, [compensated(m, composite.effects, composite.delay) for m in motions])
-    named = {fault.name for fault in left}
+    remaining = _faults(run, [compensated(m, composite.effects, composite.delay) for m in motions])
+    named = {fault.name for fault in remaining}
     mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in faults]
     return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
@@ -142,26 +142,26 @@ def _check_residuals(run: Run, report: Progress) -> Run:
     """Add the findings of the innovations: effects, disturbances, recordings that contradict each other."""
     if run.composite is None:
         return run
-    report('checking whether recordings agree', 0, 0, math.nan)
+    report('checking the consistency of recordings', 0, 0, math.nan)
     found = remarks(run.composite, run.sound, {fault.name for fault in run.faults})
     return replace(run, remarks=(*run.remarks, *found))
 
 
 def _validate(run: Run, report: Progress) -> Run:
-    """Predict, with the answer of each criterion, data that it was not fitted to."""
+    """Compute the estimate of each criterion, with its prediction of validation data."""
     validation_motions = [
         Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions
     ]
     split = replace(run, folds=() if validation_motions else tuple(folds(run.data.motions)))
     answers = (validated(c, split, validation_motions, report) for c in run.criteria)
-    # Zeros of single recordings would compensate a fault of all of them.
+    # Zeros of single recordings would compensate a common fault.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
     disturbed = () if run.composite is None or not run.sound else validation_remarks(run.composite, validation_motions)
     return replace(split, estimates=estimates, remarks=(*run.remarks, *disturbed))
 
 
 def _assess(run: Run) -> Identification:
-    """Give each answer its level, and select the published one."""
+    """Assess each estimate, and select the published one."""
     published = next(run.criteria.index(c) for c in TRUST if c in run.settings.criteria)
     best = run.estimates[published]
     length = link_length(run.data.motions, best.model, best.effort.delay)

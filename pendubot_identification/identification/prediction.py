@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How well parameters predict a motion: simulated from a measured state on, and held against what then happened."""
+"""Prediction errors of parameters: simulations from measured states, compared with the measured motion."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.trajectories.motion import Motion
 
-#: Seconds ahead.
+#: Prediction horizons [s].
 HORIZONS = (0.1, 0.25, 0.5, 1.0)
-#: Seconds from one start to the next.
+#: Time from one start to the next [s].
 STRIDE = 0.05
-#: The horizons by which models and criteria are compared; at 1 s some motions are chaotic.
+#: Number of horizons by which models and criteria are compared; at 1 s some motions are chaotic.
 ASSESSED = 3
-#: A simulation this many standard deviations off is as good as any other that is lost.
+#: Largest error of a simulation, in standard deviations; all larger ones count as this.
 LOST = 1e3
 
 
@@ -31,9 +31,9 @@ class Prediction:
     """Simulation errors at the end of each of :data:`HORIZONS`, over the states' standard deviations.
 
     Attributes:
-        errors: root mean square by horizon and state q1 q2 q1' q2', shape (H, 4); NaN where no motion is that long.
-        still: the same for a rig that keeps its state, shape (H, 4).
-        starts: how many simulations each horizon had, shape (H,).
+        errors: root mean square by horizon and state q1 q2 q1' q2', shape (H, 4); NaN if all motions are shorter.
+        still: the same for a prediction of constant state, shape (H, 4).
+        starts: number of simulations of each horizon, shape (H,).
     """
 
     errors: Array
@@ -47,7 +47,7 @@ class Prediction:
 
     @property
     def persistence(self) -> Array:
-        """The same of a rig that keeps its state, shape (H,)."""
+        """The same for a prediction of constant state, shape (H,)."""
         return np.asarray(np.sqrt((self.still**2).mean(axis=1)))
 
     @property
@@ -57,14 +57,14 @@ class Prediction:
 
     @property
     def loss(self) -> float:
-        """One number to compare by: the mean logarithm of the error up to 0.5 s; NaN without any."""
+        """The mean logarithm of the error up to 0.5 s, for comparisons; NaN without any."""
         errors = self.error[:ASSESSED]
         errors = errors[np.isfinite(errors)]
         return float(np.log(np.maximum(errors, 1e-12)).mean()) if errors.size else np.nan
 
     @classmethod
     def none(cls) -> Prediction:
-        """Return the prediction of nothing."""
+        """Return a prediction without simulations."""
         nothing = np.full((len(HORIZONS), 4), np.nan)
         return cls(nothing, nothing.copy(), np.zeros(len(HORIZONS), dtype=np.intp))
 
@@ -83,12 +83,12 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """Parts of recordings that are left out and predicted from the rest.
+    """A part of a recording that is predicted from the rest of the data.
 
     Attributes:
         held_out: the part.
-        recording: the number of its recording.
-        rest: all else.
+        recording: index of its recording.
+        rest: the other data.
     """
 
     held_out: Motion
@@ -97,7 +97,7 @@ class Fold:
 
 
 def folds(motions: Sequence[Motion], several: int = 3, blocks: int = 5) -> list[Fold]:
-    """Leave out each recording in turn or, of fewer than ``several``, each of about five blocks of time."""
+    """Return a fold for each recording or, with fewer than ``several``, for each of about five blocks of time."""
     result = []
     for number, m in enumerate(motions):
         others = [other for other in motions if other is not m]
@@ -115,7 +115,7 @@ def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array)
     """Simulate every motion from its smoothed state on, with its torque, every 50 ms.
 
     Args:
-        motions: what is to be predicted.
+        motions: to be predicted.
         theta: shape (D,).
         delay: of the effort [s].
         scale: the states' standard deviations, shape (4,).

@@ -26,16 +26,16 @@ from .selection import Problem
 
 @dataclass(frozen=True, slots=True)
 class ResidualSettings:
-    """When residuals are remarkable."""
+    """Thresholds of the residual checks."""
 
-    #: Squared residual with common parameters over that with separate ones, above which recordings contradict each
-    #: other: real ones of one rig reach 1.7, of two rigs they begin at 4.2.
+    #: Ratio of squared residuals with common and with separate parameters, above which recordings contradict each
+    #: other: real recordings of one rig reach 1.7, of two rigs at least 4.2.
     ratio: float = 3.0
-    #: And the difference, as a fraction of the squared effort: 1 % of its RMS.
+    #: Least difference of these, as a fraction of the squared effort: 1 % of its RMS.
     least: float = 1e-4
-    #: Of a disturbance, all samples together.
+    #: Significance level of a disturbance, for all samples together.
     significance: float = 1e-4
-    #: Disturbances nearer than this [s] are one; so many are listed.
+    #: Interval within which disturbances are joined [s]; number of listed disturbances.
     joined: float = 0.5
     listed: int = 3
 
@@ -55,7 +55,7 @@ def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
         yield (
             f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '
-            'shoulder and elbow; the intervals allow for them as far as recordings differ'
+            'shoulder and elbow; the intervals cover them as far as recordings differ'
         )
 
 
@@ -70,15 +70,15 @@ def validation_remarks(answer: Composite, motions: Sequence[Motion]) -> Iterator
 
 
 def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:
-    """Name the recording that has other parameters than the rest, or both of two (Chow, Econometrica 28, 1960)."""
+    """Yield a warning if a recording has other parameters than the rest (Chow, Econometrica 28, 1960)."""
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if len(motions) < 2:
         return
     residuals = [joint_regression(motion, model, delay) for motion in motions]
     parts = [Quadratic.reduce(each.phi, each.y) for each in residuals]
 
-    def squared(some: Sequence[Quadratic]) -> float:
-        criterion = Quadratic.pool(some)
+    def squared(group: Sequence[Quadratic]) -> float:
+        criterion = Quadratic.pool(group)
         return criterion.count * float(criterion(criterion.minimum_in_box(bounds)))
 
     separate = [squared([part]) + squared([*parts[:k], *parts[k + 1 :]]) for k, part in enumerate(parts)]
@@ -100,19 +100,19 @@ def recorded_zeros(rough: Problem) -> Zeros:
     count = len(filter_data.motions)
     angles, std_error = np.full((2, count), math.nan), np.full((2, count), math.nan)
     for k in range(count):
-        own = filter_data.owner == k
-        information = blocks.informations[own].sum(axis=0)[np.ix_(offsets, offsets)]
+        selected = filter_data.owner == k
+        information = blocks.informations[selected].sum(axis=0)[np.ix_(offsets, offsets)]
         if np.linalg.cond(information) > 1e12:
             continue
         inverse = np.linalg.inv(information)
-        moves = blocks.slopes[own][:, offsets] @ inverse
+        moves = blocks.slopes[selected][:, offsets] @ inverse
         angles[:, k] = rough.fit.x[offsets] - moves.sum(axis=0)
         std_error[:, k] = np.sqrt(np.diag(inverse) + len(moves) * moves.var(axis=0))
     return Zeros(tuple(m.name for m in filter_data.motions), angles, std_error)
 
 
 def disturbances(rough: Problem) -> Iterator[str]:
-    """Name the times at which innovations are larger than their distribution allows."""
+    """Yield a warning with the times of innovations that are too large for their distribution."""
     filter_data = rough.likelihood.filter_data
     e, s = rough.likelihood.innovations(rough.fit.x)
     z = np.abs(e) / np.sqrt(s)
@@ -128,6 +128,6 @@ def disturbances(rough: Problem) -> Iterator[str]:
     if found:
         more = f' and {len(found) - SETTINGS.listed} more' if len(found) > SETTINGS.listed else ''
         yield (
-            f'a disturbance: {", ".join(found[: SETTINGS.listed])}{more}; a hand, a cable, an end stop, lost samples '
-            'or encoder counts, or sharp friction make such jumps'
+            f'a disturbance: {", ".join(found[: SETTINGS.listed])}{more}; the cause may be a hand, a cable, an end '
+            'stop, lost samples or encoder counts, or abrupt friction'
         )

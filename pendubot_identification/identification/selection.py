@@ -4,9 +4,9 @@
 """Selection of unmodelled effects: the candidates of a catalogue compete by the innovations likelihood.
 
 The likelihood at the shortest interval decides. One scoring step of all candidates together with the model's own
-parameters predicts what each would gain; the most promising are fitted. The best is accepted only if it is sure:
-Vuong's test (Econometrica 57, 1989) over blocks of time, a gain in every recording, and the same choice whichever
-recording is left out. Anything else is reported as possible and changes nothing.
+parameters predicts the gain of each; the most promising are fitted. The best is accepted if it is significant by
+Vuong's test (Econometrica 57, 1989) over blocks of time. It must have a gain in every recording, and also be the best
+without any one of the recordings. Other effects are reported as possible, and not compensated.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from .catalogue import DetectedEffect, Effect, catalogue
 
 @dataclass(frozen=True, slots=True)
 class EffectSettings:
-    """When an effect is looked at, and when it is sure.
+    """Thresholds of the selection of effects.
 
     Attributes:
-        share: fraction of the recordings that are searched; z of all is larger by its root.
-        fitted: so many candidates are fitted in full, those whose predicted gain is largest.
-        sure: Vuong's z; for a handful of candidates 3 would be significant, but blocks are few and gains uneven.
-        possible: z above which an effect that is not sure is reported.
-        tried: z above which all samples of an exact rig decide about it.
-        rounds: effects that may be accepted, one after the other.
+        share: searched fraction of the recordings; z of all data is z over the square root of this fraction.
+        fitted: number of candidates that are fitted, by decreasing predicted gain.
+        sure: Vuong's z of a significant effect; 3 would suffice for a few candidates, but not for few uneven blocks.
+        possible: z above which an effect is reported as possible.
+        tried: z above which an effect is fitted to all samples of an exact rig.
+        rounds: largest number of accepted effects.
     """
 
     share: float = 1.0
@@ -45,7 +45,7 @@ class EffectSettings:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A likelihood with some effects, where it is least, and the bounds of its unknowns."""
+    """A likelihood with effects, its minimum, and the bounds of its unknowns."""
 
     likelihood: Likelihood
     fit: LikelihoodFit
@@ -53,7 +53,7 @@ class Problem:
     upper: Array
 
     def extended(self, effects: Sequence[Effect]) -> tuple[Likelihood, Array, Array, Array]:
-        """Return the likelihood with more effects, where they start, and bounds."""
+        """Return the likelihood with more effects, initial values, and bounds."""
         like, at = self.likelihood, self.likelihood.shared
         scale, lower, upper, start = np.array([u for e in effects for u in e.extension.unknowns]).T
         more = (*like.effects, *(e.extension for e in effects))
@@ -69,9 +69,9 @@ class Problem:
 
 
 def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[tuple[DetectedEffect, Problem]]:
-    """Return the effects that one filter's likelihood selects, in their order; the last may be possible only.
+    """Return the selected effects in order; the last may be possible only.
 
-    Beside each stands the problem with it and all before it, solved.
+    Each is returned with the solved problem that contains it and all effects before it.
     """
     settings = settings or EffectSettings()
     filter_data = base.likelihood.filter_data
@@ -128,28 +128,28 @@ def _compete(
 
 
 def vuong(gains: Array, cost: float) -> float:
-    """Return Vuong's z of the gains of blocks of time, less what more unknowns cost."""
+    """Return Vuong's z of the gains of blocks of time, minus the cost of additional unknowns."""
     deviation = float(gains.std(ddof=1)) if len(gains) > 1 else np.inf
     return float(gains.sum() - cost) / max(deviation * float(np.sqrt(len(gains))), 1e-9)
 
 
 def _predicted(base: Problem, candidates: Sequence[Effect]) -> Iterator[tuple[float, Effect]]:
-    """Yield by how much one scoring step would lower J with each candidate beside the model."""
-    seen = [c for c in candidates if not c.blind]
-    like, x, lower, upper = base.extended(seen)
+    """Yield the predicted decrease of J by one scoring step with each candidate."""
+    sloped = [c for c in candidates if not c.blind]
+    like, x, lower, upper = base.extended(sloped)
     at = base.likelihood.shared
     evaluation = like.evaluate(x, lower < upper)
     slope, information = fitted_information(like, evaluation, x)
     if not np.isfinite(information).all():
         return
-    own = np.zeros(len(x), dtype=bool)
-    count = sum(len(c.extension.unknowns) for c in seen)
-    own[at : at + count] = True
-    base_free = ~own
-    base_free[~own] = base.fit.free
+    added = np.zeros(len(x), dtype=bool)
+    count = sum(len(c.extension.unknowns) for c in sloped)
+    added[at : at + count] = True
+    base_free = ~added
+    base_free[~added] = base.fit.free
     b = np.flatnonzero(base_free)
     inverse = np.linalg.pinv(information[np.ix_(b, b)], hermitian=True)
-    for candidate in seen:
+    for candidate in sloped:
         size = len(candidate.extension.unknowns)
         c = np.arange(at, at + size)
         at += size

@@ -25,11 +25,11 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .options import CRITERIA, DELAYS, OPTIONS, SPREAD
 
-#: MDE's runs where none are given, as in the paper.
+#: Default number of runs of MDE, as in the paper.
 RUNS = 10
-#: The paper's MDE, for its criterion and model.
-THE_PAPERS = MDESettings(spread=SPREAD)
-#: Beyond them the operator is drawn once per vector: per component MDE does not arrive in thousands of generations.
+#: MDE as in the paper, for its criterion and model.
+PAPER_MDE = MDESettings(spread=SPREAD)
+#: MDE for others, with one operator per vector: with one per component, it needs more than thousands of generations.
 PER_VECTOR = MDESettings(per_component=False, spread=SPREAD)
 
 
@@ -37,20 +37,20 @@ PER_VECTOR = MDESettings(per_component=False, spread=SPREAD)
 class Settings:
     """The criteria, the model, the data and the optimiser of an identification.
 
-    The fields are those of :data:`.options.OPTIONS`, which describes each of them; None leaves one open. Some
-    differ from a user's options:
+    The fields correspond to :data:`.options.OPTIONS`, which describes them; None stands for the default. These fields
+    differ:
 
     Attributes:
         criteria: option criterion. Of several, the likelihood is published, or else weak.
-        delays: option delay, the two ends [s].
-        start: the parameters themselves.
-        bounds: the search box, of all 14 parameters or the first of them; the others' are then the default ones.
+        delays: option delay, the search interval [s].
+        start: the initial parameters.
+        bounds: the search box of all 14 parameters, or of the first ones; others have default bounds.
         reading: the conversion of the recordings, from which the options that correct their faults follow.
-        applied: those of its options that were inferred from the recordings.
-        compensate: whether unmodelled effects that are sure are estimated along.
+        applied: options of ``reading`` that were inferred from the recordings.
+        compensate: whether significant unmodelled effects are estimated together with theta.
 
     Raises:
-        ParameterError: a name that is not known, or a number that makes no sense.
+        ParameterError: a name is unknown, or a number is out of range.
     """
 
     criteria: tuple[str, ...] = ('likelihood',)
@@ -83,14 +83,14 @@ class Settings:
         low, high = self.delays
         if low > high:
             raise ParameterError(f'the delay is searched from {low:g} to {high:g} s; the smaller one is expected first')
-        given, size = len(self.bounds.lower), MODELS['geared' if self.model == 'auto' else self.model]
-        if given < size:
+        count, size = len(self.bounds.lower), MODELS['geared' if self.model == 'auto' else self.model]
+        if count < size:
             raise ParameterError(
-                f'bounds of {given} parameters were given; {size}, of the model {self.model}, are expected'
+                f'bounds of {count} parameters were given; {size}, of the model {self.model}, are expected'
             )
         if self.bounds.of(MODELS['viscous']).fixed.all():
             raise ParameterError('all of P1 to b2 are fixed at a value; leave some of them to be estimated')
-        # Whatever is asked for, other models are tried on the way.
+        # The estimation also fits other models.
         object.__setattr__(self, 'bounds', self.bounds.completed())
         for criterion in self.criteria:
             mde, runs = self.search(criterion, self.model)
@@ -100,15 +100,15 @@ class Settings:
     def of(
         cls, criterion: tuple[str, ...] = ('likelihood',), delay: tuple[float, float] = DELAYS, **others: Any
     ) -> Settings:
-        """Return the settings of options as they are named to a user; what is not given has its default."""
+        """Return the settings for the user's options; the others have their defaults."""
         return cls(criteria=criterion, delays=delay, **others)
 
     def of_rig(self, motions: Sequence[Trajectory]) -> Settings:
         """Return the settings for recordings: the search box, without friction under load of a joint without a motor.
 
-        Default bounds are but a search box. They grow by powers of ten until the least-squares answer of ``weak``, or
-        of ``energy`` where motions are too short for that, lies in the inner half. Bounds that were given stay; one
-        that equals the default counts as not given. A constant torque has no delay.
+        Default bounds are a search box. They grow by powers of ten until the least-squares solution of ``weak``, or of
+        ``energy`` for short motions, lies in the inner half. Other bounds stay; a bound that equals its default counts
+        as default. A constant torque has no delay.
         """
         driven = np.any([motion.tau.any(axis=0) for motion in motions], axis=0)
         absent = [name for name, motor in zip(UNDER_LOAD, driven, strict=True) if not motor]
@@ -123,10 +123,10 @@ class Settings:
         smoothing = SMOOTHING if self.smoothing is None else self.smoothing
         try:
             states = Motion.prepare(motion, smoothing)
-            made = weak_regression(states, SIZING, self.least_delay, stride=WIDTH / 3, coarse=True)
+            regression = weak_regression(states, SIZING, self.least_delay, stride=WIDTH / 3, coarse=True)
         except TrajectoryError:
-            made = energy_regression(motion, self.sliding, smoothing, SIZING)
-        return Quadratic.reduce(made.phi, made.y)
+            regression = energy_regression(motion, self.sliding, smoothing, SIZING)
+        return Quadratic.reduce(regression.phi, regression.y)
 
     @property
     def least_delay(self) -> float:
@@ -139,15 +139,15 @@ class Settings:
         return self.bounds.of(MODELS[model])
 
     def search(self, criterion: str, model: str) -> tuple[MDESettings, int]:
-        """Return how MDE minimises a criterion of a model, and in how many runs."""
-        how, runs = PER_VECTOR, RUNS
+        """Return the settings of MDE for a criterion of a model, and the number of runs."""
+        mde_settings, runs = PER_VECTOR, RUNS
         if criterion == 'energy' and model == 'viscous':
-            how = THE_PAPERS
-        how = replace(
-            how,
-            population=how.population if self.population is None else self.population,
-            generations=how.generations if self.generations is None else self.generations,
-            spread=how.spread if self.spread is None else self.spread or None,
-            per_component=how.per_component and not self.per_vector,
+            mde_settings = PAPER_MDE
+        mde_settings = replace(
+            mde_settings,
+            population=mde_settings.population if self.population is None else self.population,
+            generations=mde_settings.generations if self.generations is None else self.generations,
+            spread=mde_settings.spread if self.spread is None else self.spread or None,
+            per_component=mde_settings.per_component and not self.per_vector,
         )
-        return how, runs if self.runs is None else self.runs
+        return mde_settings, runs if self.runs is None else self.runs

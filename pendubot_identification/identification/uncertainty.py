@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How far an estimate may be off: standard errors for residuals that are correlated in time."""
+"""Covariances and standard errors of estimates, for residuals that are correlated in time."""
 
 import math
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ def student_quantile(freedom: ArrayLike) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class IntervalSettings:
-    """How the influence of parts of the data becomes a variance.
+    """Settings of the variance by the influence of parts of the data.
 
     Attributes:
-        prior: degrees of freedom that the common factor counts for; 2 makes one of two recordings' variance, which
-            has a single degree of freedom, as certain as one of four.
-        significance: at which recordings differ by more in one parameter than in the others.
+        prior: degrees of freedom of the common factor; with 2, the variance of two recordings, which has a single
+            degree of freedom, is as certain as the variance of four.
+        significance: level of the test whether recordings differ by more in one parameter than in the others.
     """
 
     prior: float = 2.0
@@ -48,31 +48,31 @@ def influence_covariance(
     *,
     exact: bool,
 ) -> tuple[Array, Array, Array, str]:
-    """Return how far the minimum of a composite criterion may be off.
+    """Return the covariance of the minimum of a composite criterion, by the influence of parts of the data.
 
     The inverse curvature V of a composite criterion understates the variance, because its parts share data. The
     influence of each recording on the minimum is u = V g; the variance by these is W = m / (m - 1) sum u u', with
-    m - 1 degrees of freedom (the infinitesimal jackknife). Few recordings make W uncertain, so it is moderated by what
-    all parameters have in common (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004): the
+    m - 1 degrees of freedom (the infinitesimal jackknife). Few recordings make W uncertain, so it is moderated by a
+    factor common to all parameters (Smyth, Statistical Applications in Genetics and Molecular Biology 3, 2004). The
     estimate is the mean of W and c V, weighted by degrees of freedom, where c is the mean of W over V. A parameter in
     which recordings differ by more than in the others (F test) has its own variance. Blocks of time take the place of
     recordings if there is one recording, or if the residual is at the quantization level.
 
-    An unmodelled effect biases all recordings in the same way. It also sets estimates apart that weigh frequencies
+    An unmodelled effect biases all recordings in the same way. It also separates estimates that weight frequencies
     differently (Hausman, Econometrica 46, 1978): their difference adds to the standard error.
 
     Args:
         information: the inverse of V, for errors of unit variance, shape (D, D).
         slopes: g of each block of time at the minimum, shape (B, D).
-        owner: the recording of each block, shape (B,).
+        owner: index of the recording of each block, shape (B,).
         free: which unknowns lie on no bound, shape (D,).
         difference: to the estimate of the shortest interval, shape (D,); 0 if the residual is at the quantization
             level.
-        exact: whether it is.
+        exact: whether the residual is at the quantization level.
 
     Returns:
-        Covariance, shape (D, D), NaN where a bound holds; standard errors, shape (D,), of what a bound holds those
-        that it would have without; degrees of freedom, shape (D,); in words how they were found.
+        Covariance, shape (D, D), NaN for unknowns on a bound; standard errors, shape (D,), of these without the bound;
+        degrees of freedom, shape (D,); the method, in words.
     """
     size, count = len(free), int(owner.max(initial=-1)) + 1
     inverse = inverse_information(information, free)
@@ -83,7 +83,7 @@ def influence_covariance(
         recordings = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
         by_block = exact or count == 1
         parts = slopes if by_block else recordings
-        # Blocks of one recording share its peculiarities: they say nothing of how recordings differ.
+        # Blocks of one recording contain no information on differences between recordings.
         n = 0.0 if count == 1 and not exact else len(parts) - 1.0
         words = f'influence of {len(owner)} blocks of time' if by_block else f'influence of {count} recordings'
         spread = _spread(parts, inverse)
@@ -91,9 +91,9 @@ def influence_covariance(
         covariance = (SETTINGS.prior * max(total / known, 1.0) * inverse + n * spread) / (SETTINGS.prior + n)
         variance, freedom = np.diag(covariance).copy(), np.full(size, SETTINGS.prior + n)
         if count > 1:
-            own = _spread(recordings, inverse)
-            odd = _differ(np.diag(own), np.diag(spread), np.diag(inverse), total, n, count - 1)
-            variance[odd] = np.maximum(np.diag(own)[odd], variance[odd])
+            between = _spread(recordings, inverse)
+            odd = _differ(np.diag(between), np.diag(spread), np.diag(inverse), total, n, count - 1)
+            variance[odd] = np.maximum(np.diag(between)[odd], variance[odd])
             freedom[odd] = count - 1
             words += f' and of {count} recordings' if by_block and odd.any() else ''
         std_error = np.sqrt(variance + difference**2)
@@ -106,10 +106,10 @@ def influence_covariance(
     lost = unidentifiable(information, free)
     std_error = np.where(lost, np.inf, std_error)
     for k in np.flatnonzero(~free & (np.diag(information) > 0)):
-        beside = free.copy()
-        beside[k] = True
+        released = free.copy()
+        released[k] = True
         ratio = np.median((std_error / np.maximum(curvature, 1e-300))[free & ~lost]) if (free & ~lost).any() else 1.0
-        std_error[k] = ratio * math.sqrt(inverse_information(information, beside)[k, k])
+        std_error[k] = ratio * math.sqrt(inverse_information(information, released)[k, k])
     covariance = covariance.copy()
     covariance[lost, lost] = np.inf
     covariance[~free], covariance[:, ~free] = np.nan, np.nan
@@ -119,16 +119,16 @@ def influence_covariance(
 def regression_covariance(
     residuals: Sequence[Regression], theta: Array, free: Flags, block: float = 1.0
 ) -> tuple[Array, Array, Array, str]:
-    """Return how far a least-squares estimate may be off, as :func:`influence_covariance` does.
+    """Return the covariance of a least-squares estimate, see :func:`influence_covariance`.
 
-    Residuals that are integrals over overlapping stretches of time are far from independent, so that the textbook
+    Residuals that are integrals over overlapping intervals of time are far from independent, so that the textbook
     covariance is many times too small.
 
     Args:
         residuals: of each recording.
         theta: the estimate, shape (D,).
         free: which parameters lie on no bound, shape (D,).
-        block: about the length of the blocks of time [s].
+        block: approximate duration of the blocks of time [s].
     """
     slopes, owner, information = list[Array](), list[int](), np.zeros((len(theta), len(theta)))
     errors = [r.phi @ theta - r.y for r in residuals]
@@ -149,20 +149,20 @@ def _spread(parts: Array, inverse: Array) -> Array:
     return np.asarray(len(parts) / (len(parts) - 1) * moves.T @ moves)
 
 
-def _differ(own: Array, spread: Array, inverse: Array, total: float, n: float, between: int) -> Flags:
-    """Return in which parameters recordings vary more than all other parameters do, each over its curvature."""
+def _differ(by_recording: Array, spread: Array, inverse: Array, total: float, n: float, between: int) -> Flags:
+    """Return the parameters in which recordings vary more than in all others, relative to the curvature."""
     known = inverse > 0
     others = max(int(known.sum()) - 1, 1)
     scale = np.where(known, inverse, 1.0)
     rest = np.maximum((total - spread / scale) / others, 1.0)
-    chance = fdtrc(between, n * others, own / scale / rest)
+    chance = fdtrc(between, n * others, by_recording / scale / rest)
     return np.asarray(known & (chance * (others + 1) < SETTINGS.significance))
 
 
 def correlations(information: Array, free: Flags) -> Array:
     """Return the correlations of errors by an information matrix, shape (D, D).
 
-    They are NaN in the rows and columns of what is not free, and of what is not identifiable.
+    Rows and columns of unknowns that are not free or not identifiable are NaN.
     """
     covariance = inverse_information(information, free)
     deviation = np.sqrt(np.where(free & ~unidentifiable(information, free), np.diag(covariance), np.nan))
@@ -170,13 +170,13 @@ def correlations(information: Array, free: Flags) -> Array:
 
 
 def scaled_condition_number(information: Array, free: Flags) -> float:
-    """Return the condition number of the residuals' derivative, columns scaled to one, of what is free."""
+    """Return the condition number of the residuals' derivative by the free unknowns, columns scaled to one."""
     scaled, scale = _scaled(information[np.ix_(free, free)])
     return float(np.sqrt(np.linalg.cond(scaled))) if np.isfinite(scale).all() and scaled.size else float('inf')
 
 
 def unidentifiable(information: Array, free: Flags) -> Flags:
-    """Return which free unknowns have a part in a direction of which there is no information, shape (D,)."""
+    """Return which free unknowns have a component in a direction without information, shape (D,)."""
     lost = free & (np.diag(information) <= 0)
     _, vectors = _identifiable(_scaled(information[np.ix_(free, free)])[0])
     lost[free] |= (vectors**2).sum(axis=1) < 1 - 1e-6
@@ -184,7 +184,7 @@ def unidentifiable(information: Array, free: Flags) -> Flags:
 
 
 def inverse_information(information: Array, free: Flags) -> Array:
-    """Return the pseudo-inverse of what is free; the rest is 0."""
+    """Return the pseudo-inverse for the free unknowns; other rows and columns are 0."""
     result = np.zeros_like(information)
     scaled, scale = _scaled(information[np.ix_(free, free)])
     values, vectors = _identifiable(scaled)
@@ -193,14 +193,14 @@ def inverse_information(information: Array, free: Flags) -> Array:
 
 
 def _identifiable(scaled: Array) -> tuple[Array, Array]:
-    """Return the eigenvalues and eigenvectors of the identifiable directions: a variance below 0 is none."""
+    """Return the eigenvalues and eigenvectors of the identifiable directions, which have positive eigenvalues."""
     values, vectors = np.linalg.eigh(scaled)
     identifiable = values > len(values) * 4 * np.finfo(float).eps * values.max(initial=0.0)
     return values[identifiable], vectors[:, identifiable]
 
 
 def _scaled(information: Array) -> tuple[Array, Array]:
-    """Return a matrix with ones on its diagonal and what it was divided by; infinite where there is no information."""
+    """Return the matrix scaled to ones on its diagonal, and the scale, infinite without information."""
     diagonal = np.diag(information)
     scale = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
     scaled = information / scale / scale[:, None]

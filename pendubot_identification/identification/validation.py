@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The answer of each criterion, with what it predicts of data that it was not fitted to."""
+"""The estimate of each criterion, with its prediction errors on validation data."""
 
 import math
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from .uncertainty import correlations, influence_covariance, scaled_condition_nu
 
 
 def validated(criterion: str, run: Run, validation_motions: Sequence[Motion], report: Progress) -> Estimate:
-    """Return one criterion's answer with its prediction errors."""
+    """Return the estimate of one criterion with its prediction errors."""
     if criterion == 'likelihood' and run.composite is not None:
         found, parts = _likelihood(run.composite, validation_motions, run.folds)
     else:
@@ -55,16 +55,16 @@ def _quadratic(
     settings, data, answer = run.settings, run.data, run.composite
     automatic = 'viscous' if criterion == 'energy' else 'geared' if answer is None else answer.model
     model = automatic if settings.model == 'auto' else settings.model
-    made = data.linear(criterion, model)
-    assess = linear(criterion, validation_motions, model, settings, like=made) if validation_motions else None
-    found = estimate_linear(criterion, made, model, settings, data.hold, report, assess)
-    parts = [predict([m], found.theta, made.delay, data.scale) for m in validation_motions]
+    problem = data.linear(criterion, model)
+    assess = linear(criterion, validation_motions, model, settings, like=problem) if validation_motions else None
+    found = estimate_linear(criterion, problem, model, settings, data.hold, report, assess)
+    parts = [predict([m], found.theta, problem.delay, data.scale) for m in validation_motions]
     for fold in run.folds:
         try:
-            rest = linear(criterion, fold.rest, model, settings, like=made).criterion.minimum(settings.box(model))
+            rest = linear(criterion, fold.rest, model, settings, like=problem).criterion.minimum(settings.box(model))
         except TrajectoryError:  # too short for a test function
             continue
-        parts.append(predict([fold.held_out], rest, made.delay, data.scale))
+        parts.append(predict([fold.held_out], rest, problem.delay, data.scale))
     return found, parts
 
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The pendubot as equations: parameters and a state in; accelerations, energy, simulated motion, sensitivities out.
+"""The model of the pendubot: parameters, dynamics, simulation with sensitivities, and Kalman filters.
 
-The compiled kernel beside it does the long loops; without a compiler numpy does the same work.
+The compiled kernel runs the long loops; without a compiler, numpy does.
 """
 
-#: How many of the parameters, from the first on, each model has.
+#: Number of parameters of each model, from the first on.
 MODELS = {'viscous': 7, 'coulomb': 9, 'rotor': 10, 'geared': 14}

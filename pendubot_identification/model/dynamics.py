@@ -6,8 +6,8 @@
     M(q) q'' + V(q, q') q' + G(q) = tau - friction(q', tau)
 
 q1 is measured from the horizontal, q2 relative to link 1; on a pendubot tau2 = 0. ``theta`` is the vector P1 P2 P3
-P4 P5 b1 b2, and after these, as far as the model goes, Fc1 Fc2 J2 Fs1 Fs2 k1 k2: D = 7, 9, 10 or 14 parameters
-(:data:`.parameters.MODELS`). rollout.c has the same accelerations and derivatives in C.
+P4 P5 b1 b2, continued by Fc1 Fc2 J2 Fs1 Fs2 k1 k2: D = 7, 9, 10 or 14 parameters, by the model
+(:data:`.parameters.MODELS`). motion.h and rollout.c implement the same equations in C.
 """
 
 from collections.abc import Sequence
@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike
 
 from pendubot_identification.arrays import Array
 
-#: One number of each joint: shoulder, elbow.
+#: One value for each joint: shoulder, elbow.
 Pair = tuple[float, float]
 
-#: Standard gravity as the paper's model needs it [m/s^2]. The printed G lacks it, though P4 and P5 as defined need it.
+#: Standard gravity [m/s^2]. The printed G of the paper lacks this factor, which P4 and P5 as defined require.
 GRAVITY = 9.81
 #: The sign of a velocity v in dry friction is tanh(v / SIGN_WIDTH) [rad/s].
 SIGN_WIDTH = 0.05
@@ -33,10 +33,10 @@ STRIBECK_SPEED = 0.5
 def accelerations(
     theta: Sequence[Any] | Array, q1: Any, q2: Any, v1: Any, v2: Any, tau1: Any, tau2: Any, lib: ModuleType = np
 ) -> tuple[Any, Any]:
-    """Return q1'', q2'' [rad/s^2]: the equations of motion, with the inverse of M(q) written out.
+    """Return q1'', q2'' [rad/s^2] by the equations of motion, with the closed-form inverse of M(q).
 
-    ``theta`` is a sequence of D numbers or arrays; all arrays broadcast. With ``lib=math`` everything is a float, which
-    makes one step in real time ten times cheaper than arrays of length one.
+    ``theta`` is a sequence of D numbers or arrays; all arrays broadcast. With ``lib=math`` all values are floats,
+    which takes a tenth of the time of arrays of length one.
     """
     P1, P2, P3, P4, P5 = theta[:5]
     c2, s2 = lib.cos(q2), lib.sin(q2)
@@ -50,7 +50,7 @@ def accelerations(
 
 
 def _friction(theta: Sequence[Any] | Array, v1: Any, v2: Any, tau1: Any, tau2: Any, lib: ModuleType) -> tuple[Any, Any]:
-    """Return what brakes each joint [N m]: b v + (Fc + Fs exp(-(v / 0.5)^2) + k |tau|) tanh(v / 0.05)."""
+    """Return the friction of each joint [N m]: b v + (Fc + Fs exp(-(v / 0.5)^2) + k |tau|) tanh(v / 0.05)."""
     size = len(theta)
     f1, f2 = theta[5] * v1, theta[6] * v2
     if size < 9:
@@ -77,7 +77,7 @@ def acceleration_derivatives(theta: Array, q: Array, v: Array, tau: Array) -> tu
     v1, v2 = v
     c2, s2 = np.cos(q[1]), np.sin(q[1])
     slope = np.broadcast_to(theta[5:7, None], v.shape)
-    # M a = h gives M da = dh - dM a: the right-hand side, for a change of each state and each parameter.
+    # M a = h gives M da = dh - dM a: the right-hand side, by each state and each parameter.
     right = np.zeros((2, 4 + len(theta), v.shape[1]))
     one, two = right[:, 4:]
     one[0] = -a1
@@ -139,7 +139,7 @@ def mass_matrix(theta: ArrayLike, q: ArrayLike) -> Array:
 
 
 def energy(theta: ArrayLike, q: ArrayLike, qd: ArrayLike) -> Array:
-    """Return the total energy [J], shape (...): 1/2 q'^T M q' + P4 g sin q1 + P5 g sin(q1 + q2), the rotor's in M.
+    """Return the total energy [J], shape (...): 1/2 q'^T M q' + P4 g sin q1 + P5 g sin(q1 + q2), with J2 in M.
 
     q and qd have shape (..., 2), theta (D,) or (..., D); they broadcast.
     """
@@ -149,7 +149,7 @@ def energy(theta: ArrayLike, q: ArrayLike, qd: ArrayLike) -> Array:
 
 
 def energy_terms(q: ArrayLike, qd: ArrayLike) -> Array:
-    """Return what multiplies P1 .. P5 in the energy, shape (..., 5), of q and qd, shape (..., 2)."""
+    """Return the factors of P1 .. P5 in the energy, shape (..., 5); q and qd have shape (..., 2)."""
     q1, q2 = _split(q)
     v1, v2 = _split(qd)
     v12 = v1 + v2
@@ -158,7 +158,7 @@ def energy_terms(q: ArrayLike, qd: ArrayLike) -> Array:
 
 
 def dry_friction_terms(qd: ArrayLike, tau: ArrayLike) -> Array:
-    """Return what multiplies Fc, Fs and k in the friction of each joint, shape (..., 2, 3), of arrays (..., 2)."""
+    """Return the factors of Fc, Fs and k in the friction of both joints, shape (..., 2, 3); qd and tau are (..., 2)."""
     v = np.asarray(qd, dtype=float)
     sign = np.tanh(v / SIGN_WIDTH)
     return np.stack([sign, np.exp(-((v / STRIBECK_SPEED) ** 2)) * sign, np.abs(tau) * sign], axis=-1)

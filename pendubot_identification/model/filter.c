@@ -1,13 +1,13 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* The extended Kalman filter of filter.py, whose names are used: G recordings, each with L parameter vectors. */
+/* The extended Kalman filters of filter.py, with the same names: G filters, each with L parameter vectors. */
 #include "motion.h"
 
-/* Nanoseconds that a block takes for a step, about. */
+/* Approximate time of one step of a block [ns]. */
 #define FILTERING 300.0
 #define HALF_PI 1.57079632679489661923
 
-/* The torques that a term may have at its joint, per unit of its coefficient; the order is that of filter.Term. */
+/* Kinds of terms, torques at a joint per unit of their coefficients; numbered as filter.TermKind. */
 enum { CONSTANT, ANGLE, DRAG, DIRECTION, VISCOUS_DRIFT, COULOMB_DRIFT, SINE, COSINE, CREEP };
 
 typedef struct {
@@ -19,14 +19,14 @@ typedef struct {
     const double *coefficient;     /* (terms, L) */
     const double *offset;          /* (2, L) */
     const double *noise;           /* (levels, 4, L): variances of q1, q2; intensities of both torques */
-    const int64_t *table;          /* (L): which table of first states, torques and positions */
-    const int64_t *level, *length; /* (G): which noise, how many steps */
-    const double *start, *spread;  /* (tables, G, 4), (G, 4): mean and variance of the first state */
-    const double *h, *elapsed;     /* (G, S): length of each step [s], fraction of all time that has passed */
+    const int64_t *table;          /* (L): index of the table of initial states, torques and positions */
+    const int64_t *level, *length; /* (G): index of the noise level, number of steps */
+    const double *start, *spread;  /* (tables, G, 4), (G, 4): mean and variance of the initial state */
+    const double *h, *elapsed;     /* (G, S): length of each step [s], elapsed fraction of the total duration */
     const double *tau;             /* (tables, G, S, 2) */
     const double *y;               /* (tables, G, S, 2): measured at the end of the step */
-    const int64_t *row;            /* (G, S): where the innovation goes, or -1 without a measurement */
-    double *e, *s;                 /* (N, 2, L) */
+    const int64_t *row;            /* (G, S): index of the innovation, or -1 without a measurement */
+    double *e, *s;                 /* (N, 2, L): innovations and their variances */
 } Filter;
 
 /* The terms with a coefficient other than 0 in some lane of a block. */
@@ -79,7 +79,7 @@ INLINE void predict(const Filter *f, const Terms *active, Theta *th, const vec n
     vec t1, vec t2, vec passed, vec x[4], vec p[4][4])
 {
     vec q1 = x[0], q2 = x[1], v1 = x[2], v2 = x[3], by_q[2], by_v[2];
-    /* Statistical linearisation of the sign of dry friction: as wide as the speed is uncertain. */
+    /* Statistical linearisation of the sign of dry friction: the width grows with the variance of the speed. */
     for (int j = 0; j < 2; j++) {
         vec wide = narrow[j] + HALF_PI * p[2 + j][2 + j], root;
         for (int w = 0; w < LANES; w++)
@@ -90,7 +90,7 @@ INLINE void predict(const Filter *f, const Terms *active, Theta *th, const vec n
     terms(f, active, th, q1, q2, v1, v2, passed, by_q, by_v);
     accelerate(th, q1, q2, v1, v2, t1, t2, &at);
     vec k1[4], k2[4], u1 = v1, u2 = v2, x1, x2, sum1 = {}, sum2 = {};
-    /* A: what the accelerations depend on, as in dynamics.py. */
+    /* A: derivatives of the accelerations by the state, as in dynamics.py. */
     vec slope[2], *t = th->p;
     for (int j = 0; j < 2; j++) {
         vec v = j ? v2 : v1;
@@ -156,11 +156,11 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
         for (int i = 0; i < LARGEST_MODEL; i++)
             th.p[i] = load(f->theta + i * L + first, count);
         for (int j = 0; j < 2; j++) {
-            const double *own = f->noise + f->level[g] * 4 * L + first;
+            const double *values = f->noise + f->level[g] * 4 * L + first;
             vec w = load(f->width + j * L + first, count);
             narrow[j] = w * w;
             offset[j] = load(f->offset + j * L + first, count);
-            r[j] = load(own + j * L, count), noise[j] = load(own + (2 + j) * L, count);
+            r[j] = load(values + j * L, count), noise[j] = load(values + (2 + j) * L, count);
         }
         active.count = 0;
         for (int64_t k = 0; k < f->terms; k++) {
@@ -173,10 +173,10 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
         }
         const double *tau[LANES], *y[LANES];
         for (int w = 0; w < LANES; w++) {
-            int64_t own = f->table[first + (w < count ? w : count - 1)] * f->groups + g;
-            tau[w] = f->tau + own * f->steps * 2, y[w] = f->y + own * f->steps * 2;
+            int64_t entry = f->table[first + (w < count ? w : count - 1)] * f->groups + g;
+            tau[w] = f->tau + entry * f->steps * 2, y[w] = f->y + entry * f->steps * 2;
             for (int i = 0; i < 4; i++)
-                x[i][w] = f->start[4 * own + i];
+                x[i][w] = f->start[4 * entry + i];
         }
         for (int i = 0; i < 4; i++)
             p[i][i] = all(f->spread[4 * g + i]);
@@ -189,7 +189,7 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
             if (f->row[at + k] < 0)
                 continue;
             double *e = f->e + f->row[at + k] * 2 * L + first, *s = f->s + f->row[at + k] * 2 * L + first;
-            for (int j = 0; j < 2; j++) { /* one joint after the other: their errors are independent */
+            for (int j = 0; j < 2; j++) { /* sequential update: the errors of both joints are independent */
                 vec innovation = -offset[j] - x[j], variance = p[j][j] + r[j], gain[4];
                 for (int w = 0; w < LANES; w++)
                     innovation[w] += y[w][2 * k + j];
@@ -207,7 +207,7 @@ LOOP void filter(const void *work, int64_t begin, int64_t finish)
     }
 }
 
-/* The arguments are those of Filter, in its order. */
+/* Run all filters of f on at most `threads` threads. */
 EXPORT void pendubot_filter(int64_t threads, const Filter *f)
 {
     share(filter, f, f->groups * ((f->lanes + LANES - 1) / LANES), FILTERING * f->steps, threads);

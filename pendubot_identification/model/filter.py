@@ -1,15 +1,15 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Extended Kalman filters of many recordings and many parameter vectors side by side.
+"""Extended Kalman filters for many recordings and many parameter vectors, in parallel.
 
 The state is (q, q') and M(q) q'' + ... = tau + w, where w is white torque noise of each joint. The measurement is
 q + offset + r, where r is white. The mean is predicted by classic Runge-Kutta steps with the mean torque of each step,
 the covariance by I + h A + h^2 A^2 / 2 with the analytic Jacobian A. The sign of dry friction, tanh(v / width), is
-linearised statistically (Gelb, Applied Optimal Estimation, 1974, section 6.2): its width becomes
+linearised statistically (Gelb, Applied Optimal Estimation, 1974, section 6.2). Its width becomes
 sqrt(width^2 + pi / 2 var(v)), so that innovations are smooth functions of the parameters.
 
-The compiled kernel (filter.c) does this where it was built; without it numpy does, with the same results to rounding.
+The compiled kernel (filter.c) is used if it was built, otherwise numpy; their results agree to rounding errors.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from pendubot_identification.arrays import Array, Indices
 
 from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED
 
-#: The most terms that filter.c takes.
+#: Largest number of terms in filter.c.
 MOST_TERMS = 256
 
 
 class TermKind(IntEnum):
-    """A torque beside the model's, as a function of its joint's angle and speed; the order is that of filter.c."""
+    """An additional torque, as a function of the angle q and speed v of its joint; numbered as in filter.c."""
 
     CONSTANT = 0
     ANGLE = 1  #: q
@@ -53,25 +53,25 @@ class Term:
     number: float = 0.0  #: repetitions per turn, or a speed [rad/s].
 
     def torque(self, q: Array, v: Array, elapsed: float) -> Array:
-        """Return it at angles [rad] and speeds [rad/s], with friction's change of sign as wide as in the model."""
+        """Return the torque per unit of its coefficient at angles [rad] and speeds [rad/s], with the default width."""
         width = np.full_like(v, SIGN_WIDTH)
         return _term(self.kind, self.number, q, v, np.tanh(v / width), width, np.array(elapsed))[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """What G filters are driven by and compared with, on S steps at most; N measurements in all.
+    """The inputs and measurements of G filters, each with at most S steps; N measurements in total.
 
     Attributes:
-        start: mean of the first state as it was read [rad, rad/s] in each of T tables, shape (T, G, 4).
-        spread: its variance, shape (G, 4).
-        level: which noise each filter has, shape (G,).
-        length: how many steps each has, shape (G,).
+        start: mean of the initial state, before subtraction of offsets [rad, rad/s], in T tables, shape (T, G, 4).
+        spread: variance of the initial state, shape (G, 4).
+        level: index of the noise level of each filter, shape (G,).
+        length: number of steps of each filter, shape (G,).
         h: length of each step [s], shape (G, S).
-        elapsed: fraction of all time that has passed, from -0.5 to 0.5, shape (G, S).
+        elapsed: elapsed fraction of the total duration, from -0.5 to 0.5, shape (G, S).
         tau: mean torques of each step [N m], shape (T, G, S, 2).
-        y: positions that were read at the end of the step [rad], shape (T, G, S, 2).
-        row: number of that measurement, from 0 to N - 1; -1 where there is none, shape (G, S).
+        y: measured positions at the end of each step [rad], shape (T, G, S, 2).
+        row: index of this measurement, from 0 to N - 1; -1 without a measurement, shape (G, S).
     """
 
     start: Array
@@ -86,22 +86,22 @@ class Samples:
 
     @property
     def measurements(self) -> int:
-        """N."""
+        """The number of measurements N."""
         return int(self.row.max(initial=-1)) + 1
 
 
 @dataclass(frozen=True, slots=True)
 class Vectors:
-    """L parameter vectors.
+    """L parameter vectors, with noise, offsets and additional torques.
 
     Attributes:
         theta: the 14 parameters, shape (14, L).
-        offset: of the positions that are read [rad], shape (2, L).
+        offset: of the measured positions [rad], shape (2, L).
         noise: variances of both positions [rad^2] and intensities of both torques [(N m)^2 s] at each of K levels,
             shape (K, 4, L).
         width: of the change of sign of dry friction [rad/s], shape (2, L).
-        coefficient: of each term, shape (E, L).
-        table: which table of the samples, shape (L,).
+        coefficient: of each of E terms, shape (E, L).
+        table: index of the table of the samples, shape (L,).
     """
 
     theta: Array
@@ -140,8 +140,8 @@ class _Work(ctypes.Structure):
 def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()) -> tuple[Array, Array]:
     """Return the innovations [rad] and their variances, both of shape (N, 2, L).
 
-    That of the elbow is what remains once the shoulder's is known, so that all are independent. Where a filter
-    diverges they become NaN or infinite, without a warning.
+    The innovation of the elbow is conditional on the position of the shoulder, so that all are independent. A filter
+    that diverges gives NaN or infinity, without a warning.
     """
     lanes = vectors.theta.shape[1]
     e, s = (np.empty((samples.measurements, 2, lanes)) for _ in range(2))
@@ -169,7 +169,7 @@ def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()
 
 
 class _Point(NamedTuple):
-    """Accelerations (2, G, L), M^-1 (2, 2, G, L), P3 cos q2, P3 sin q2, and what dry friction and terms are there."""
+    """Accelerations (2, G, L), M^-1 (2, 2, G, L), P3 cos q2, P3 sin q2, and dry friction and terms at a state."""
 
     a: Array
     inverse: Array
@@ -184,7 +184,7 @@ class _Point(NamedTuple):
 
 
 class _Filter:
-    """The same in numpy, on arrays of shape (G, L)."""
+    """The filters in numpy, on arrays of shape (G, L)."""
 
     def __init__(self, samples: Samples, vectors: Vectors, terms: tuple[Term, ...]) -> None:
         self._samples, self._vectors = samples, vectors
@@ -197,7 +197,7 @@ class _Filter:
         self._none = (np.zeros((2, len(samples.level), len(vectors.table))),) * 3
 
     def run(self, e: Array, s: Array) -> None:
-        """Fill e and s."""
+        """Compute the innovations e and their variances s, shape (N, 2, L)."""
         samples, vectors = self._samples, self._vectors
         groups, lanes = len(samples.level), len(vectors.table)
         x = samples.start[vectors.table].T
@@ -217,7 +217,7 @@ class _Filter:
     def _corrected(
         self, x: Array, p: Array, groups: Indices, row: Indices, y: Array, e: Array, s: Array
     ) -> tuple[Array, Array]:
-        for joint in range(2):  # one after the other: their errors are independent
+        for joint in range(2):  # sequential update: the errors of both joints are independent
             innovation = y[:, :, joint].T - self._vectors.offset[joint] - x[joint]
             variance = p[joint, joint] + self._noise[joint, groups]
             e[row, joint], s[row, joint] = innovation, variance
@@ -228,11 +228,11 @@ class _Filter:
 
     def _predicted(self, x: Array, p: Array, tau: Array, h: Array, elapsed: Array) -> tuple[Array, Array]:
         width = np.sqrt(self._vectors.width[:, None] ** 2 + np.pi / 2 * p[[2, 3], [2, 3]])
-        at = self._point(x[:2], x[2:], tau, elapsed, width)
-        a, inverse = at.a, at.inverse
+        point = self._point(x[:2], x[2:], tau, elapsed, width)
+        a, inverse = point.a, point.inverse
         A = np.zeros_like(p)
         A[0, 2] = A[1, 3] = 1.0
-        A[2:] = self._derived(x[2:], at, width)
+        A[2:] = self._derived(x[2:], point, width)
         F = h * A + h * h / 2 * _product(A, A)
         F[range(4), range(4)] += 1.0
         p = _product(_product(F, p), F.swapaxes(0, 1))
@@ -251,7 +251,7 @@ class _Filter:
         return np.concatenate([q + h * (v + h / 6 * (a + a2 + a3)), v + h / 6 * (a + 2 * (a2 + a3) + a4)]), p
 
     def _point(self, q: Array, v: Array, tau: Array, elapsed: Array, width: Array) -> _Point:
-        """Return accelerations, (2, G, L), and what their derivatives share with them."""
+        """Return the accelerations, (2, G, L), and terms that their derivatives also need."""
         P1, P2, P3, P4, P5, _, _, _, _, J2, *_ = self._theta
         (v1, v2), c2, s2 = v, P3 * np.cos(q[1]), P3 * np.sin(q[1])
         sign, fade = np.tanh(v / width), np.exp(-((v / STRIBECK_SPEED) ** 2))
@@ -271,36 +271,36 @@ class _Filter:
         a = inverse[0] * h1 + inverse[1] * h2
         return _Point(a, inverse, c2, s2, q, sign, fade, dry, by_q, by_v)
 
-    def _derived(self, v: Array, at: _Point, width: Array) -> Array:
+    def _derived(self, v: Array, point: _Point, width: Array) -> Array:
         """Return the accelerations' derivatives by the state, shape (2, 4, G, L)."""
         P4, P5 = self._theta[3:5]
-        (v1, v2), (a1, a2), (q1, q2), c2, s2 = v, at.a, at.q, at.c2, at.s2
-        slope = (1 - at.sign * at.sign) / width * at.dry - at.by_v + self._viscous
-        slope -= self._stribeck * v * at.fade * at.sign * (2 / STRIBECK_SPEED**2)
+        (v1, v2), (a1, a2), (q1, q2), c2, s2 = v, point.a, point.q, point.c2, point.s2
+        slope = (1 - point.sign * point.sign) / width * point.dry - point.by_v + self._viscous
+        slope -= self._stribeck * v * point.fade * point.sign * (2 / STRIBECK_SPEED**2)
         g1, g12 = P4 * GRAVITY * np.sin(q1), P5 * GRAVITY * np.sin(q1 + q2)
         right = np.empty((2, 4, *a1.shape))
-        right[0, 0] = g1 + g12 + at.by_q[0]
+        right[0, 0] = g1 + g12 + point.by_q[0]
         right[0, 1] = c2 * v2 * (2 * v1 + v2) + s2 * (2 * a1 + a2) + g12
         right[0, 2] = 2 * s2 * v2 - slope[0]
         right[0, 3] = 2 * s2 * (v1 + v2)
         right[1, 0] = g12
-        right[1, 1] = s2 * a1 - c2 * v1 * v1 + g12 + at.by_q[1]
+        right[1, 1] = s2 * a1 - c2 * v1 * v1 + g12 + point.by_q[1]
         right[1, 2] = -2 * s2 * v1
         right[1, 3] = -slope[1]
-        return _product(at.inverse, right)
+        return _product(point.inverse, right)
 
     def _extra(self, q: Array, v: Array, sign: Array, width: Array, elapsed: Array) -> tuple[Array, Array, Array]:
         """Return the terms' torques and their derivatives by angle and speed, shapes (2, G, L)."""
         extra, by_q, by_v = (np.zeros_like(v) for _ in range(3))
         for kind, j, lanes, number, coefficient in self._terms:
-            at = q[j][:, lanes], v[j][:, lanes], sign[j][:, lanes], width[j][:, lanes]
-            for total, each in zip((extra, by_q, by_v), _term(kind, number, *at, elapsed), strict=True):
-                total[j][:, lanes] += coefficient * each
+            state = q[j][:, lanes], v[j][:, lanes], sign[j][:, lanes], width[j][:, lanes]
+            for total, value in zip((extra, by_q, by_v), _term(kind, number, *state, elapsed), strict=True):
+                total[j][:, lanes] += coefficient * value
         return extra, by_q, by_v
 
 
 class _Terms(NamedTuple):
-    """Terms of one kind and joint, at most one in a lane: the lanes that have one, its number and coefficient there."""
+    """Terms of one kind and joint, at most one in a lane: their lanes, numbers and coefficients."""
 
     kind: TermKind
     joint: int
@@ -317,7 +317,7 @@ class _Terms(NamedTuple):
             while any(lane == other for other, *_ in groups.get((kind, joint, number), ())):
                 number += 1
             groups.setdefault((kind, joint, number), []).append((lane, terms[k].number, coefficient[k, lane]))
-        return [cls(kind, joint, *map(np.array, zip(*own, strict=True))) for (kind, joint, _), own in groups.items()]
+        return [cls(kind, joint, *map(np.array, zip(*rows, strict=True))) for (kind, joint, _), rows in groups.items()]
 
 
 def _product(a: Array, b: Array) -> Array:

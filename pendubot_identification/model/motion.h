@@ -1,7 +1,7 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* The equations of motion of dynamics.py on vectors of four, the elementary functions that they need, and threads: what
- * rollout.c and filter.c share.
+/* Common parts of rollout.c and filter.c: the equations of motion of dynamics.py on SIMD vectors, elementary functions,
+ * and threads.
  *
  * Plain C without Python.h, called through ctypes. Compiled without contraction, so that every processor gives the same
  * numbers.
@@ -18,15 +18,15 @@
 #define EXPORT __attribute__((visibility("default")))
 #define INLINE static inline __attribute__((always_inline))
 
-/* The loops are compiled for several processors, and the right ones are taken when they are loaded. */
+/* The loops are compiled with and without AVX2; the loader selects the version for the processor. */
 #if !defined(__x86_64__) || !defined(__GLIBC__) || !defined(__GNUC__) || defined(__clang__) || defined(__AVX2__)
 #define LOOP static
 #else
 #define LOOP static __attribute__((target_clones("avx2", "default")))
 #endif
 
-/* A vector of eight is one register of AVX-512. Elsewhere the compiler would take it apart, at three times the cost, so
- * that vectors of four are used: one register or two. */
+/* A vector of eight is one register of AVX-512. Without AVX-512 it would take three times as long, because the compiler
+ * splits it; a vector of four is one register or two. */
 #ifdef __AVX512VL__
 #define LANES 8
 #else
@@ -41,9 +41,9 @@ INLINE vec magnitude(vec x) { return (vec)((ints)x & INT64_MAX); }
 
 /* ---- Elementary functions, to about one unit in the last place; coefficients of sine and cosine as in fdlibm ---- */
 
-/* Adding it leaves the nearest whole number in the low bits. */
+/* After its addition the low bits hold the nearest integer. */
 #define WHOLE 6755399441055744.0
-/* Angles beyond this [rad] come from a simulation that diverges: they become NaN. */
+/* Largest angle [rad]; larger ones, of a simulation that diverges, become NaN. */
 #define FARTHEST 1e6
 
 INLINE void sine_cosine(vec x, vec *sine, vec *cosine)
@@ -64,12 +64,12 @@ INLINE void sine_cosine(vec x, vec *sine, vec *cosine)
     *cosine = (vec)(((ints)either(odd, s, c) ^ (((quadrant + 1) & 2) << 62)) | lost);
 }
 
-/* e^x - 1 = scale * (r-part) + (scale - 1), scale a power of two; x from -700 to 700 or NaN. */
+/* e^x - 1 = scale * (e^r - 1) + (scale - 1), scale a power of two; x from -700 to 700 or NaN. */
 INLINE vec exp_minus_1(vec x)
 {
     vec shifted = x * 1.44269504088896338700e+00 + WHOLE, k = shifted - WHOLE;
     vec r = (x - k * 6.93147180369123816490e-01) - k * 1.90821492927058770002e-10;
-    /* r^2 / 2! + ... + r^13 / 13!, by pairs: each product of Horner's long chain waits for the one before. */
+    /* r^2 / 2! + ... + r^13 / 13!, by pairs, which are independent, unlike the products of Horner's scheme. */
     vec r2 = r * r, r4 = r2 * r2, pair[6];
     double factorial = 1.0;
     for (int n = 0; n < 6; n++) {
@@ -103,17 +103,17 @@ INLINE vec tangent_hyperbolic(vec x)
 #define SIGN_WIDTH 0.05
 #define STRIBECK_SPEED 0.5
 #define LARGEST_MODEL 14
-#define COLUMNS (4 + LARGEST_MODEL) /* what a motion depends on: its initial state and theta */
-#define TOGETHER 16 /* blocks of lanes that go through a step one after the other, so that they are written nearby */
+#define COLUMNS (4 + LARGEST_MODEL) /* derivatives by the initial state and theta */
+#define TOGETHER 16 /* blocks of lanes with a common loop over the steps, so that their results are adjacent */
 
 typedef struct {
     int64_t size; /* D: 7, 9, 10 or 14 */
     vec p[LARGEST_MODEL];
     vec sharpness[2]; /* 1 / width of the change of sign of dry friction, each joint [s/rad] */
-    vec extra[2];     /* torques beside the motors' [N m] */
+    vec extra[2];     /* additional torques [N m] */
 } Theta;
 
-/* The accelerations at one point in time, and what their derivatives share with them. */
+/* The accelerations at one state, and terms that their derivatives also need. */
 typedef struct {
     vec c1, s1, c2, s2, c12, s12;
     vec m11, m12, m22, inverse;
@@ -121,7 +121,7 @@ typedef struct {
     vec coriolis, a1, a2;
 } Point;
 
-/* The sines of q1 and q1 + q2 are for the derivatives alone: elsewhere the compiler leaves them out. */
+/* Only derivatives need the sines of q1 and q1 + q2: elsewhere the compiler omits them. */
 INLINE void accelerate(const Theta *theta, vec q1, vec q2, vec v1, vec v2, vec t1, vec t2, Point *at)
 {
     const vec *p = theta->p;
@@ -164,7 +164,7 @@ INLINE vec load(const double *from, int64_t count)
 
 INLINE void store(double *to, vec x, int64_t count)
 {
-    if (count == LANES) /* of known size: one instruction */
+    if (count == LANES) /* a constant size: one instruction */
         memcpy(to, &x, sizeof(x));
     else
         memcpy(to, &x, count * sizeof(double));
@@ -181,10 +181,10 @@ INLINE vec gather(const double *from, const int64_t *index)
 /* ---- Several cores ---- */
 
 #define MOST_THREADS 64
-/* Nanoseconds of work that are worth a thread. */
+/* Least work of a thread [ns]. */
 #define WORTH_A_THREAD 100000.0
 
-/* A loop over blocks of work, from the first to the one before the end. */
+/* A loop over the blocks of work from `first` to `end` - 1. */
 typedef void Loop(const void *work, int64_t first, int64_t end);
 
 typedef struct {
@@ -200,7 +200,7 @@ static inline void *do_part(void *argument)
     return NULL;
 }
 
-/* The cores that this process may use. */
+/* The number of cores that this process may use. */
 static inline int64_t cores(void)
 {
 #ifdef CPU_COUNT
@@ -211,8 +211,8 @@ static inline int64_t cores(void)
     return sysconf(_SC_NPROCESSORS_ONLN);
 }
 
-/* Do all blocks, each of so many nanoseconds, on up to so many threads, of which this is one; 0 is one on every core.
- * What a block gives does not depend on who does it. */
+/* Do all blocks, which take `nanoseconds` each, on at most `threads` threads, including this one; 0: one per core. The
+ * result does not depend on the number of threads. */
 static inline void share(Loop *loop, const void *work, int64_t blocks, double nanoseconds, int64_t threads)
 {
     int64_t started = 0;

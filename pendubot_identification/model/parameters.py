@@ -29,8 +29,8 @@ class Specification(NamedTuple):
     upper: float
 
 
-#: In the order of theta: the paper's seven, then what geared motors add. The search intervals hold every bench-top rig
-#: that we know of; no value is negative where each link's centre of mass lies beyond its joint.
+#: In the order of theta: the seven of the paper, then friction and inertia of geared motors. The search intervals hold
+#: all known bench-top rigs. No value is negative if the centre of mass of each link lies beyond its joint.
 SPECIFICATIONS = (
     Specification('P1', 'kg m^2', 'm1 d1^2 + m2 l1^2 + I1', 0.0, 1.0),
     Specification('P2', 'kg m^2', 'm2 d2^2 + I2', 0.0, 1.0),
@@ -41,18 +41,18 @@ SPECIFICATIONS = (
     Specification('b2', 'N m s/rad', 'viscous friction of the elbow', 0.0, 1.0),
     Specification('Fc1', 'N m', 'Coulomb friction of the shoulder', 0.0, 5.0),
     Specification('Fc2', 'N m', 'Coulomb friction of the elbow', 0.0, 5.0),
-    Specification('J2', 'kg m^2', "inertia of the elbow motor's rotor, felt at the joint", 0.0, 1.0),
-    Specification('Fs1', 'N m', 'Stribeck friction of the shoulder: what Coulomb friction has more at rest', 0.0, 5.0),
+    Specification('J2', 'kg m^2', "inertia of the elbow motor's rotor, reflected to the joint", 0.0, 1.0),
+    Specification('Fs1', 'N m', 'Stribeck friction of the shoulder: increase of dry friction at rest', 0.0, 5.0),
     Specification('Fs2', 'N m', 'Stribeck friction of the elbow', 0.0, 5.0),
-    Specification('k1', '1', "the shoulder's friction per torque", 0.0, 0.9),
-    Specification('k2', '1', "the elbow's friction per torque", 0.0, 0.9),
+    Specification('k1', '1', 'friction of the shoulder per torque', 0.0, 0.9),
+    Specification('k2', '1', 'friction of the elbow per torque', 0.0, 0.9),
 )
 NAMES = tuple(s.name for s in SPECIFICATIONS)
 UNITS = tuple(s.unit for s in SPECIFICATIONS)
 FRICTION = ('b1', 'b2', 'Fc1', 'Fc2', 'Fs1', 'Fs2', 'k1', 'k2')
-#: Friction under load of shoulder and elbow: a joint without a motor has none.
+#: Friction under load of shoulder and elbow, absent in a joint without a motor.
 UNDER_LOAD = ('k1', 'k2')
-#: |P3| is kept to at most this times sqrt(P1 P2), where M(q) becomes singular.
+#: Largest |P3| / sqrt(P1 P2); at 1, M(q) is singular.
 LARGEST_COUPLING = 0.99
 
 
@@ -60,7 +60,7 @@ LARGEST_COUPLING = 0.99
 class Parameters:
     """The parameters in SI units and in the order of theta: the seven of the paper's equation (2), then friction.
 
-    P1, P2, P3 [kg m^2], P4, P5 [kg m] (times g they are torques), b1, b2 [N m s/rad]; Fc1, Fc2 [N m], J2 [kg m^2],
+    P1, P2, P3 [kg m^2], P4, P5 [kg m] (torques, divided by g), b1, b2 [N m s/rad]; Fc1, Fc2 [N m], J2 [kg m^2],
     Fs1, Fs2 [N m], k1, k2 [1]. The friction of a joint is b v + (Fc + Fs exp(-(v / 0.5)^2) + k |tau|) tanh(v / 0.05)
     [N m], v in rad/s.
     """
@@ -81,7 +81,7 @@ class Parameters:
     k2: float = 0.0
 
     def __post_init__(self) -> None:
-        """Accept all values, also those of a search; :class:`.api.Pendubot` refuses unphysical ones."""
+        """Accept all values, because a search needs them; :class:`.api.Pendubot` rejects unphysical ones."""
 
     @classmethod
     def from_vector(cls, theta: ArrayLike) -> Parameters:
@@ -105,20 +105,20 @@ class Parameters:
         return next(model for model, size in MODELS.items() if not any(values[size:]))
 
     def vector(self, model: str = 'viscous') -> Array:
-        """Return theta, shape (D,), of a model or, where one of its missing parameters is not 0, of :attr:`model`."""
+        """Return theta, shape (D,), of a model, or of :attr:`model` if that has more parameters."""
         return np.array(astuple(self)[: max(MODELS[model], MODELS[self.model])])
 
     def carrying(self, payload: float) -> Parameters:
-        """Return the rig with a payload [kg] on link 2, 3/2 P2 / P5 from the elbow: at the end, were it a uniform rod.
+        """Return the parameters with a payload [kg] on link 2, 3/2 P2 / P5 from the elbow: the end of a uniform rod.
 
         Raises:
-            ParameterError: link 2 has no such point.
+            ParameterError: P5 is not positive.
         """
         if self.P5 <= 0:
             raise ParameterError(f'link 2 has no place for a payload: P5 is {self.P5:g}, and more than 0 is expected')
         l1, d = self.P3 / self.P5, 1.5 * self.P2 / self.P5
-        more = {'P1': l1**2, 'P2': d**2, 'P3': l1 * d, 'P4': l1, 'P5': d}
-        return replace(self, **{name: getattr(self, name) + payload * each for name, each in more.items()})
+        factors = {'P1': l1**2, 'P2': d**2, 'P3': l1 * d, 'P4': l1, 'P5': d}
+        return replace(self, **{name: getattr(self, name) + payload * factor for name, factor in factors.items()})
 
     def unphysical(self) -> tuple[str, ...]:
         """Return a sentence for each value that no real pendubot can have; empty for a physical vector.
@@ -127,9 +127,9 @@ class Parameters:
         """
         values = asdict(self)
         problems = [f'{name} = {value:.4g} is not finite' for name, value in values.items() if not math.isfinite(value)]
-        nothing = [f'{name} = {values[name]:.4g} is not positive' for name in ('P1', 'P2') if values[name] <= 0]
-        problems += nothing
-        if not nothing and self.P1 * self.P2 <= self.P3**2:
+        zero = [f'{name} = {values[name]:.4g} is not positive' for name in ('P1', 'P2') if values[name] <= 0]
+        problems += zero
+        if not zero and self.P1 * self.P2 <= self.P3**2:
             problems.append(
                 f'M(q) is not positive definite for every q: P1 P2 = {self.P1 * self.P2:.4g} '
                 f'does not exceed P3^2 = {self.P3**2:.4g}'
@@ -142,7 +142,7 @@ class Parameters:
 
 #: The paper's Table 8, the values of the virtual rig.
 PAPER = Parameters(P1=0.002207, P2=0.000400, P3=0.000101, P4=0.022447, P5=0.003326, b1=0.006592, b2=0.00009)
-#: A rig with the proportions of those that people balance: link 1 is 15 cm long, where the paper's is 3 cm.
+#: A rig with the proportions of rigs for balancing: link 1 is 15 cm long, in the paper 3 cm.
 BALANCE = Parameters(P1=0.0148, P2=0.0051, P3=0.0046, P4=0.1003, P5=0.0303, b1=0.0008, b2=0.0001)
 #: The virtual rigs by name.
 PRESETS = {'paper': PAPER, 'balance': BALANCE}
@@ -152,8 +152,8 @@ PRESETS = {'paper': PAPER, 'balance': BALANCE}
 class Bounds:
     """A box of parameter vectors: ``lower`` and ``upper``, each of shape (D,).
 
-    Equal ones fix a parameter at that value. Friction under load that is fixed at 0 is not in the model: that of a
-    joint which has no motor.
+    Equal bounds fix a parameter at that value. Friction under load that is fixed at 0 is not in the model, as for a
+    joint without a motor.
 
     Raises:
         ParameterError: lengths differ, a bound is not finite, or a lower bound is above its upper one.
@@ -183,7 +183,7 @@ class Bounds:
         object.__setattr__(self, 'upper', upper)
 
     def replaced(self, name: str, low: float, high: float) -> Bounds:
-        """Return these bounds with those of one parameter replaced."""
+        """Return these bounds with the interval of one parameter replaced."""
         if name not in self.names:
             raise ParameterError(f'there is no parameter {name!r}; the parameters are {", ".join(self.names)}')
         index = self.names.index(name)
@@ -203,16 +203,16 @@ class Bounds:
 
     @property
     def fixed(self) -> Flags:
-        """Which of these stay at a value, shape (D,)."""
+        """Which parameters of the model are fixed, shape (D,)."""
         return np.asarray(self.present & (self.lower == self.upper))
 
     @property
     def absent(self) -> tuple[str, ...]:
-        """The names of the others."""
+        """The names of the parameters that are not in the model."""
         return tuple(name for name, present in zip(self.names, self.present, strict=True) if not present)
 
     def beside(self, names: tuple[str, ...], limit: float) -> Bounds:
-        """Return these bounds with those of other unknowns behind them: anything of a size below ``limit``."""
+        """Return these bounds, followed by the interval from -limit to limit for each further unknown."""
         limits = np.full(len(names), limit)
         return Bounds(np.append(self.lower, -limits), np.append(self.upper, limits), (*self.names, *names))
 
@@ -221,18 +221,18 @@ class Bounds:
         return Bounds(self.lower[:size], self.upper[:size], self.names[:size])
 
     def completed(self) -> Bounds:
-        """Return the bounds of all parameters: these, then the default ones."""
+        """Return the bounds of all parameters: these, then the default bounds of the others."""
         default, size = default_bounds(), len(self.names)
         return Bounds(np.append(self.lower, default.lower[size:]), np.append(self.upper, default.upper[size:]))
 
     def scaled(self, factor: float) -> Bounds:
-        """Return these bounds with the default upper ones, of whatever has a torque's unit, multiplied by a factor."""
+        """Return these bounds with default upper bounds, except of k1 and k2, multiplied by a factor."""
         upper = default_bounds().upper[: len(self.names)]
         default = (self.lower == 0) & (self.upper == upper) & ~np.isin(self.names, UNDER_LOAD)
         return Bounds(self.lower, np.where(default, factor * upper, self.upper), self.names)
 
     def at_bound(self, theta: Sequence[float] | Array, tolerance: float = 1e-9) -> Flags:
-        """Return, per component, whether theta lies on a bound (within ``tolerance`` of the interval's width)."""
+        """Return which components of theta lie on a bound, within ``tolerance`` times the width of the interval."""
         margin = tolerance * (self.upper - self.lower)
         values = np.asarray(theta, dtype=float)
         return np.asarray((values <= self.lower + margin) | (values >= self.upper - margin))
@@ -241,7 +241,7 @@ class Bounds:
 def repaired(theta: ArrayLike) -> Array:
     """Return vectors of shape (..., D) with P3 moved to the nearest value at which M(q) is positive definite for all q.
 
-    A criterion of the repaired vectors has the same minimum as over the physical ones alone.
+    The minimum of a criterion over repaired vectors is its minimum over physical vectors.
     """
     result = np.array(theta, dtype=float)
     limit = LARGEST_COUPLING * np.sqrt(np.maximum(result[..., 0] * result[..., 1], 0.0))
@@ -252,12 +252,12 @@ def repaired(theta: ArrayLike) -> Array:
 def coupling_excess(theta: Array) -> Array:
     """Return a penalty, shape (...), for vectors of shape (..., D) with |P3| too large for P1 and P2; 0 for all others.
 
-    It leads an optimiser that only knows bounds back to the cone of vectors whose M(q) is positive definite for every
-    q, and is relative to P1 + P2.
+    It directs an optimiser that has only bounds to the cone of vectors with positive definite M(q). It is relative to
+    P1 + P2.
     """
     P1, P2, P3 = theta[..., 0], theta[..., 1], theta[..., 2]
     with np.errstate(invalid='ignore', divide='ignore'):
-        # Not hypot, which rounds differently from processor to processor.
+        # Not hypot, whose rounding differs between processors.
         excess = np.sqrt((P1 - P2) ** 2 + (2 * P3 / LARGEST_COUPLING) ** 2) / (P1 + P2) - 1
     return np.where(P1 + P2 > 0, np.maximum(excess, 0.0), np.abs(P3) + 1)
 

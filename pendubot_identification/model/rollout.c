@@ -1,14 +1,14 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* Many simulations of the pendubot side by side, as rollout.py has them. */
+/* Parallel simulations of the pendubot, see rollout.py. */
 #include "motion.h"
 
-#define VERSION 8 /* of the calls below, in filter.c and mde.c; kernel.py asks for it */
-/* Nanoseconds that a block takes for a step, about. */
+#define VERSION 8 /* of the interface of rollout.c, filter.c and mde.c; kernel.py checks it */
+/* Approximate time of one step of a block [ns]. */
 #define ROLLING 150.0
 #define DERIVING 500.0
 
-/* What is simulated: theta (size, vectors or 1), tau (2, steps, lanes); `state` as the two calls below have it. */
+/* The simulations: theta (size, vectors or 1), tau (2, steps, lanes); `state` as for the two functions below. */
 typedef struct {
     int64_t size, vectors, lanes, steps, every;
     double h;
@@ -26,7 +26,7 @@ LOOP void roll(const void *work, int64_t begin, int64_t end)
         int64_t count = total - first < LANES ? total - first : LANES;
         int64_t vector[LANES], lane[LANES], adjacent = 1;
         for (int w = 0; w < LANES; w++) {
-            int64_t i = first + (w < count ? w : count - 1); /* fill the last block up with copies of the last lane */
+            int64_t i = first + (w < count ? w : count - 1); /* pad the last block with copies of the last lane */
             vector[w] = i / lanes;
             lane[w] = i % lanes;
             adjacent &= lane[w] == lane[0] + w;
@@ -68,12 +68,12 @@ LOOP void roll(const void *work, int64_t begin, int64_t end)
 EXPORT void pendubot_roll(int64_t threads, int64_t size, int64_t vectors, int64_t lanes, int64_t steps, double h,
     const double *theta, const double *state, const double *tau, double *states)
 {
-    Motions what = {size, vectors, lanes, steps, 1, h, theta, state, tau, states};
-    share(roll, &what, (vectors * lanes + LANES - 1) / LANES, ROLLING * steps, threads);
+    Motions motions = {size, vectors, lanes, steps, 1, h, theta, state, tau, states};
+    share(roll, &motions, (vectors * lanes + LANES - 1) / LANES, ROLLING * steps, threads);
 }
 
-/* The accelerations, and their derivatives by the first state and theta (columns), from those of the state: as in
- * dynamics.py, M da = dh - dM a for M a = h. */
+/* The accelerations, and their derivatives by the initial state and theta (columns), from the derivatives of the state:
+ * as in dynamics.py, M da = dh - dM a for M a = h. */
 INLINE void accelerate_sensitivity(const Theta *theta, vec q1, vec q2, vec v1, vec v2, vec t1, vec t2,
     const vec dq1[], const vec dq2[], const vec dv1[], const vec dv2[], vec d1[], vec d2[], vec *a1, vec *a2)
 {
@@ -117,7 +117,7 @@ INLINE void accelerate_sensitivity(const Theta *theta, vec q1, vec q2, vec v1, v
     *a1 = at.a1, *a2 = at.a2;
 }
 
-/* Take the derivatives x of q1, q2, v1, v2 over one step. */
+/* Advance the derivatives x of q1, q2, v1, v2 by one step. */
 INLINE void step_sensitivity(const Theta *theta, double h, const vec state[4], vec t1, vec t2, vec x[4][COLUMNS])
 {
     int64_t columns = 4 + theta->size;
@@ -187,11 +187,11 @@ LOOP void sensitivities(const void *work, int64_t begin, int64_t finish)
 EXPORT void pendubot_sensitivities(int64_t threads, int64_t size, int64_t lanes, int64_t steps, int64_t every, double h,
     const double *theta, const double *states, const double *tau, double *result)
 {
-    Motions what = {size, 1, lanes, steps, every, h, theta, states, tau, result};
-    share(sensitivities, &what, (lanes + LANES - 1) / LANES, DERIVING * steps, threads);
+    Motions motions = {size, 1, lanes, steps, every, h, theta, states, tau, result};
+    share(sensitivities, &motions, (lanes + LANES - 1) / LANES, DERIVING * steps, threads);
 }
 
-/* 0 on a processor that cannot run what was compiled for AVX-512. */
+/* VERSION, or 0 if the library needs AVX-512 and the processor lacks it. */
 EXPORT int64_t pendubot_version(void)
 {
 #ifdef __AVX512VL__

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Many short simulations at once, with their sensitivities: the inner loop of prediction errors.
+"""Parallel simulation of many short motions, with sensitivities, for prediction errors.
 
-The compiled kernel does both where it was built; without it numpy does, with the same results to about 1e-12. The last
-axis of every array holds the simulations, called lanes: they are fastest when they are many.
+The compiled kernel is used if it was built, otherwise numpy; their results agree to about 1e-12. The last axis of every
+array holds the simulations, called lanes. The time per lane is shortest with many lanes.
 """
 
 from collections.abc import Sequence
@@ -18,18 +18,18 @@ from pendubot_identification.arrays import Array
 
 from .dynamics import acceleration_derivatives, accelerations
 
-#: Lanes times steps that numpy linearises together: enough to be fast, few enough to stay in the processor's cache.
+#: Lanes times steps that numpy linearises together, so that the arrays fit into the cache of the processor.
 CHUNK = 2048
 
 
 def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
-    """Simulate L motions side by side by K classic Runge-Kutta steps of ``step`` [s].
+    """Simulate L motions in parallel by K classic Runge-Kutta steps of ``step`` [s].
 
     ``theta`` has shape (D,), or (D, V, 1) for V parameter vectors at once; ``state`` q1, q2, q1', q2' [rad, rad/s] at
     the start, shape (4, L); ``tau`` the torques [N m] of every step, shape (2, K, L).
 
     Returns:
-        States, shape (K + 1, 4, L) or (K + 1, 4, V, L). Where a simulation diverges they become NaN or infinite,
+        States, shape (K + 1, 4, L) or (K + 1, 4, V, L). A simulation that diverges gives NaN or infinity,
         without a warning.
     """
     lanes = np.broadcast_shapes(theta.shape[1:], state.shape[1:])
@@ -72,11 +72,11 @@ def advance(theta: Sequence[Any], x: Sequence[Any], tau: Any, h: float, lib: Mod
 
 
 def sensitivities(theta: Array, states: Array, tau: Array, step: float, every: int = 1) -> Array:
-    """Return how motions depend on initial states and theta, with arguments and ``states`` as those of :func:`roll`.
+    """Return the derivatives of motions by initial states and theta; ``states`` is the result of :func:`roll`.
 
     Returns:
-        Derivative of the state at the start and after every so many steps by the initial state and theta, shape
-        (K // every + 1, 4, 4 + D, L).
+        Derivatives of the state at the start and after each ``every`` steps, by the initial state and theta,
+        shape (K // every + 1, 4, 4 + D, L).
     """
     _, steps, lanes = tau.shape
     size = 4 + len(theta)

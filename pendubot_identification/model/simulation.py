@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A simulated pendubot: its state carried on under torques that are held, and whole simulated trajectories."""
+"""Simulation of a pendubot: in steps of constant torque, and as complete trajectories."""
 
 import math
 from collections import deque
@@ -25,20 +25,20 @@ HANGING: Pair = (-math.pi / 2, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class StepSettings:
-    """The Runge-Kutta step: its error stays far below one encoder count."""
+    """The Runge-Kutta step, with an error far below one encoder count."""
 
     longest: float = 1e-3  #: Longest step [s].
-    of_swing: float = 0.03  #: Longest step, over the period of the highest frequency [rad/s] of the rig.
-    of_decay: float = 0.25  #: Longest step, over the time constant of the highest rate [1/s] of friction.
-    stable: float = 2.5  #: Longest step of a coarse simulation, over that time constant: beyond 2.78 it oscillates.
-    finest: int = 20  #: Most parts into which a step of a coarse simulation is divided.
+    of_swing: float = 0.03  #: Longest step times the highest frequency of the rig [rad/s].
+    of_decay: float = 0.25  #: Longest step times the highest decay rate by friction [1/s].
+    stable: float = 2.5  #: The same for a coarse simulation, which is unstable beyond 2.78.
+    finest: int = 20  #: Largest number of parts of a step of a coarse simulation.
 
 
 SETTINGS = StepSettings()
 
 
 class Plant:
-    """A pendubot at positions q [rad] and velocities qd [rad/s] that moves by intervals of constant torque.
+    """A simulated pendubot with positions q [rad] and velocities qd [rad/s], under piecewise constant torques.
 
     Raises:
         ParameterError: the parameters are not physical.
@@ -49,7 +49,7 @@ class Plant:
         self._state: tuple[float, ...] = (*q, *qd)
 
     def become(self, parameters: Parameters) -> None:
-        """Go on with other parameters, from the same positions and velocities.
+        """Change the parameters, without a change of positions and velocities.
 
         Raises:
             ParameterError: the parameters are not physical.
@@ -75,7 +75,7 @@ class Plant:
         self._state = (*q, *qd)
 
     def advance(self, tau: Pair, duration: float) -> None:
-        """Move on by ``duration`` [s] under constant torques [N m]."""
+        """Advance the state by ``duration`` [s] under constant torques [N m]."""
         friction = self._friction_rate + self._load_rate[0] * abs(tau[0]) + self._load_rate[1] * abs(tau[1])
         steps = max(1, math.ceil(duration * max(self._swing_rate, friction) - 1e-9))
         h = duration / steps
@@ -84,28 +84,28 @@ class Plant:
 
 
 class LatePlant(Plant):
-    """A pendubot whose motor obeys late: a torque acts ``delay`` [s] after it was applied, for as long as it was."""
+    """A simulated pendubot with an input delay: each torque acts ``delay`` [s] after it was applied."""
 
     def __init__(self, parameters: Parameters, delay: float, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
         super().__init__(parameters, q, qd)
-        self._waiting = deque([((0.0, 0.0), delay)])
+        self._pending = deque([((0.0, 0.0), delay)])
 
     def advance(self, tau: Pair, duration: float) -> None:
-        """Move on by ``duration`` [s] under what was applied a delay ago; ``tau`` [N m] acts after the delay."""
-        self._waiting.append((tau, duration))
+        """Advance the state by ``duration`` [s] under earlier torques; ``tau`` [N m] acts after the delay."""
+        self._pending.append((tau, duration))
         while duration > 1e-12:
-            then, left = self._waiting.popleft()
+            torque, left = self._pending.popleft()
             part = min(left, duration)
             if part > 1e-12:
-                super().advance(then, part)
+                super().advance(torque, part)
             duration -= part
             if left - part > 1e-12:
-                self._waiting.appendleft((then, left - part))
+                self._pending.appendleft((torque, left - part))
 
     def ahead(self, torques: Iterable[Pair], duration: float) -> tuple[Pair, Pair]:
-        """Return q and qd when all applied torques, and these [N m] for a duration [s] each, have acted."""
+        """Return q and qd after all pending torques and ``torques`` [N m], each for ``duration`` [s], have acted."""
         here = self._state
-        for tau, left in (*self._waiting, *((tau, duration) for tau in torques)):
+        for tau, left in (*self._pending, *((tau, duration) for tau in torques)):
             if left > 1e-12:
                 super().advance(tau, left)
         q, qd, self._state = self.q, self.qd, here
@@ -113,15 +113,15 @@ class LatePlant(Plant):
 
 
 def longest_step(parameters: Parameters, torque: float) -> float:
-    """Return the longest step [s] with which :class:`Plant` simulates under shoulder torques up to this [N m]."""
+    """Return the longest step [s] of :class:`Plant` under shoulder torques of at most ``torque`` [N m]."""
     swing, friction, load = _step_rates(parameters)
     return 1 / max(swing, friction + load[0] * torque)
 
 
 def substeps(parameters: Parameters, torques: Array, step: float) -> int:
-    """Return into how many parts a Runge-Kutta step [s] is divided, so that it is stable under friction at rest.
+    """Return the number of parts of a Runge-Kutta step [s] that is stable under friction at rest.
 
-    ``torques``: usual ones of both joints [N m], shape (2,).
+    ``torques``: typical torques of both joints [N m], shape (2,).
     """
     if parameters.unphysical():
         return SETTINGS.finest
@@ -131,9 +131,9 @@ def substeps(parameters: Parameters, torques: Array, step: float) -> int:
 
 
 def _step_rates(p: Parameters) -> tuple[float, float, Pair]:
-    """Return how many steps a second the rig's swing needs, how many its friction, and how many more per N m of torque.
+    """Return the step rates [1/s] for the swing and for friction, and the additional rates per torque [1/(s N m)].
 
-    No eigenvalue of the inverse of M(q) exceeds trace(M) / det(M), taken where q2 makes them largest and smallest.
+    No eigenvalue of the inverse of M(q) exceeds the largest trace(M) over q2, divided by the smallest det(M).
     """
     m11, m22 = p.P1 + p.P2 + 2 * abs(p.P3), p.P2 + p.J2
     determinant = p.P1 * p.P2 - p.P3**2 + p.J2 * (p.P1 + p.P2 - 2 * abs(p.P3))
@@ -151,7 +151,7 @@ def _step_rates(p: Parameters) -> tuple[float, float, Pair]:
 def simulate(
     parameters: Parameters, t: ArrayLike, tau: ArrayLike, q: Pair = HANGING, qd: Pair = (0.0, 0.0)
 ) -> Trajectory:
-    """Return the motion from q [rad] and qd [rad/s] on at the times t [s], shape (N,), velocities included.
+    """Return the motion from q [rad] and qd [rad/s] at the times t [s], shape (N,), including velocities.
 
     Torques tau [N m], shape (N, 2), are held from sample to sample.
 
@@ -166,12 +166,12 @@ def simulate(
     for k, step in enumerate(np.diff(times)):
         try:
             plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(step))
-            followed = all(map(math.isfinite, (*plant.q, *plant.qd)))
+            finite = all(map(math.isfinite, (*plant.q, *plant.qd)))
         except (ValueError, OverflowError, ZeroDivisionError):
-            followed = False
-        if not followed:
+            finite = False
+        if not finite:
             raise TrajectoryError(
-                f'the simulated motion is too fast to be followed {times[k + 1] - times[0]:.3g} s after it began: '
+                f'the simulation diverges {times[k + 1] - times[0]:.3g} s after its start: '
                 f'torques of up to {np.abs(torques).max():g} N m are too large for these parameters; give smaller ones'
             )
         states[k + 1] = (*plant.q, *plant.qd)
@@ -179,7 +179,7 @@ def simulate(
 
 
 def quantised(trajectory: Trajectory, counts_per_turn: int) -> Trajectory:
-    """Return the trajectory as encoders with so many counts per turn, at 0 when hanging, read it; no velocities."""
+    """Return the trajectory with positions quantised by encoders that are 0 when hanging, without velocities."""
     zero = np.array(HANGING)
     count = 2 * math.pi / counts_per_turn
     q = np.round((trajectory.q - zero) / count) * count + zero

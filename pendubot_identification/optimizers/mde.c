@@ -1,10 +1,10 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* Modified differential evolution on a quadratic criterion: trials() of mde.py and what is around it, for one run.
+/* One run of modified differential evolution (mde.py) on a quadratic criterion.
  *
- * Plain C without Python.h, called through ctypes. It draws its own random numbers. An array of vectors holds one
- * component of all of them, then the next: the loops go along such rows, and the compiler makes vector instructions of
- * them. A row is as long as the population, rounded up to whole LANES; what is left over is computed for nothing.
+ * Plain C without Python.h, called through ctypes. It has its own random number generator. An array of vectors has one
+ * row for each component, so that the compiler vectorises the loops along rows. The length of a row is the population,
+ * rounded up to a multiple of LANES; the additional elements are computed and ignored.
  */
 #include <math.h>
 #include <stdint.h>
@@ -14,7 +14,7 @@
 #define EACH(t, count) _Pragma("GCC ivdep") for (int64_t t = 0; t < (count); t++)
 #define INLINE static inline __attribute__((always_inline))
 
-/* The functions are compiled for processors with and without AVX2, and the right ones are taken when they are loaded. */
+/* The functions are compiled with and without AVX2; the loader selects the version for the processor. */
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
 #define EXPORT __attribute__((visibility("default"), target_clones("avx2", "default")))
 #else
@@ -28,17 +28,17 @@ typedef struct {
     double worth, largest_coupling;
 } Settings;
 
-/* xoshiro128++ of Blackman and Vigna (2019), LANES of them side by side. */
+/* LANES parallel xoshiro128++ generators (Blackman and Vigna, 2019). */
 typedef struct {
     uint32_t a[LANES], b[LANES], c[LANES], d[LANES];
 } Random;
 
-/* What a generation needs: rows, but for four of random words and all trials. */
+/* Memory of a generation: one row each, but four rows of random words and D rows of trials. */
 typedef struct {
     uint32_t *words, *CR;
     int32_t *jrand, *base, *plus, *minus;
     double *F, *costs, *residuals, *trials;
-} Room;
+} Memory;
 
 INLINE uint32_t rotate(uint32_t x, int k) { return x << k | x >> (32 - k); }
 
@@ -52,20 +52,20 @@ INLINE void draw(Random *restrict s, uint32_t *restrict words, int32_t count)
         }
 }
 
-/* A random word as a whole number from 0 to n - 1; as a fraction of 2^31, for comparisons; as a number from 0 to 1. */
+/* Convert a random word to an integer below n; to a 31-bit integer, for comparisons; to a number from 0 to 1. */
 INLINE int32_t below(uint32_t word, int32_t n) { return (uint64_t)word * (uint32_t)n >> 32; }
 INLINE uint32_t fraction(uint32_t word) { return word >> 1; }
 INLINE double unit(uint32_t word) { return (int32_t)fraction(word) * 0x1p-31; }
 
-/* Choose operator and partners of every target t: its trial is x[base] + F (x[plus] - x[minus]). */
-INLINE void choose(const Settings *s, Random *random, const Room *m, int32_t rows, int32_t best)
+/* Choose operator and partners of every target t: the mutant is x[base] + F (x[plus] - x[minus]). */
+INLINE void choose(const Settings *s, Random *random, const Memory *m, int32_t rows, int32_t best)
 {
     int32_t n = s->population;
     uint32_t threshold = s->threshold * 0x1p31;
     const uint32_t *u1 = m->words, *u2 = u1 + rows, *u3 = u2 + rows, *u4 = u3 + rows;
     draw(random, m->words, 4 * rows);
     EACH(t, rows) {
-        /* Three others, counted from the target on. */
+        /* Three other vectors, as distances from the target. */
         int32_t r1 = below(u1[t], n - 1), r2 = below(u2[t], n - 2), r3 = below(u3[t], n - 3);
         r2 += r2 >= r1;
         int32_t low = r1 < r2 ? r1 : r2, high = r1 < r2 ? r2 : r1;
@@ -73,7 +73,7 @@ INLINE void choose(const Settings *s, Random *random, const Room *m, int32_t row
         r3 += r3 >= high;
         r1 += t + 1, r2 += t + 1, r3 += t + 1;
         r1 -= r1 < n ? 0 : n, r2 -= r2 < n ? 0 : n, r3 -= r3 < n ? 0 : n;
-        /* Line 14, as in mde.py. */
+        /* Line 14 of Table 1, see mde.py. */
         int32_t best_1 = fraction(u4[t]) < threshold;
         m->base[t] = best_1 ? best : r1;
         m->plus[t] = !best_1 ? r2 : r1 == best ? r3 : r1;
@@ -81,7 +81,7 @@ INLINE void choose(const Settings *s, Random *random, const Room *m, int32_t row
     }
 }
 
-INLINE void make_trials(const Settings *s, Random *random, const Room *m, int32_t rows, const double *lower,
+INLINE void make_trials(const Settings *s, Random *random, const Memory *m, int32_t rows, const double *lower,
     const double *upper, const double *x, int32_t best)
 {
     int32_t d = s->dimension;
@@ -93,22 +93,22 @@ INLINE void make_trials(const Settings *s, Random *random, const Room *m, int32_
         m->jrand[t] = below(u3[t], d);
     }
     for (int32_t j = 0; j < d; j++) {
-        const double *own = x + j * rows;
+        const double *targets = x + j * rows;
         double *restrict trial = m->trials + j * rows, low = lower[j], high = upper[j];
         if (s->per_component || j == 0)
             choose(s, random, m, rows, best);
         draw(random, m->words, rows);
         EACH(t, rows) {
-            double v = own[m->base[t]] + m->F[t] * (own[m->plus[t]] - own[m->minus[t]]);
+            double v = targets[m->base[t]] + m->F[t] * (targets[m->plus[t]] - targets[m->minus[t]]);
             double bound = v < low ? low : high;
-            v = (v < low) | (v > high) ? (own[t] + bound) / 2.0 : v;
-            trial[t] = (fraction(m->words[t]) < m->CR[t]) | (m->jrand[t] == j) ? v : own[t];
+            v = (v < low) | (v > high) ? (targets[t] + bound) / 2.0 : v;
+            trial[t] = (fraction(m->words[t]) < m->CR[t]) | (m->jrand[t] == j) ? v : targets[t];
         }
     }
 }
 
-/* |root [x, -1]|^2, and what coupling_excess() of parameters.py costs. */
-INLINE void evaluate(const Settings *s, const Room *m, int32_t rows, const double *root)
+/* |root [x, -1]|^2, plus the penalty worth * coupling_excess(), see parameters.py. */
+INLINE void evaluate(const Settings *s, const Memory *m, int32_t rows, const double *root)
 {
     int32_t d = s->dimension;
     const double *x = m->trials;
@@ -130,10 +130,10 @@ INLINE void evaluate(const Settings *s, const Room *m, int32_t rows, const doubl
         }
 }
 
-/* Advance a run until it stops, by so many generations at most.
+/* Advance a run until it stops, by at most a given number of generations.
  *
  * root (D + 1, D + 1), lower and upper (D), x (D, rows), values (rows), history (generations) of the best values.
- * Returns how many generations it was advanced; -1 without memory.
+ * Returns the number of generations done; -1 if there is no memory.
  */
 EXPORT int64_t pendubot_mde(const Settings *s, int64_t generations, const double *root, const double *lower,
     const double *upper, Random *random, double *x, double *values, double *history)
@@ -141,30 +141,30 @@ EXPORT int64_t pendubot_mde(const Settings *s, int64_t generations, const double
     int32_t n = s->population, d = s->dimension, rows = (n + LANES - 1) / LANES * LANES;
     double *doubles = calloc((size_t)(3 + d) * rows, sizeof(double));
     uint32_t *integers = calloc((size_t)9 * rows, sizeof(uint32_t));
-    int32_t *rest = (int32_t *)integers + 5 * rows;
-    Room m = {integers, integers + 4 * rows, rest, rest + rows, rest + 2 * rows, rest + 3 * rows,
+    int32_t *indices = (int32_t *)integers + 5 * rows;
+    Memory m = {integers, integers + 4 * rows, indices, indices + rows, indices + 2 * rows, indices + 3 * rows,
         doubles, doubles + rows, doubles + 2 * rows, doubles + 3 * rows};
-    int64_t made = doubles && integers ? 0 : -1;
-    for (; made >= 0; made++) {
+    int64_t done = doubles && integers ? 0 : -1;
+    for (; done >= 0; done++) {
         int32_t best = 0, worst = 0;
         for (int32_t t = 1; t < n; t++) {
             best = values[t] < values[best] ? t : best;
             worst = values[t] > values[worst] ? t : worst;
         }
-        if (made > 0)
-            history[made - 1] = values[best];
-        if (made == generations || values[best] <= s->target
+        if (done > 0)
+            history[done - 1] = values[best];
+        if (done == generations || values[best] <= s->target
             || values[worst] - values[best] <= s->spread * fabs(values[best]))
             break;
         make_trials(s, random, &m, rows, lower, upper, x, best);
         evaluate(s, &m, rows, root);
         for (int32_t j = 0; j < d; j++) {
-            double *restrict own = x + j * rows, *restrict trial = m.trials + j * rows;
-            EACH(t, rows) own[t] = m.costs[t] <= values[t] ? trial[t] : own[t];
+            double *restrict target = x + j * rows, *restrict trial = m.trials + j * rows;
+            EACH(t, rows) target[t] = m.costs[t] <= values[t] ? trial[t] : target[t];
         }
         EACH(t, rows) values[t] = m.costs[t] <= values[t] ? m.costs[t] : values[t];
     }
     free(doubles);
     free(integers);
-    return made;
+    return done;
 }

@@ -3,9 +3,8 @@
 
 """Modified differential evolution (MDE), Table 1 of the paper.
 
-:func:`trials` is Table 1 in numpy. For a quadratic criterion, mde.c does the same ten times as fast, if there is a C
-compiler. Its random numbers differ, so that single runs differ, but not their minima and the distribution of their
-generations.
+:func:`trials` is Table 1 in numpy. For a quadratic criterion, the C version (mde.c) is ten times as fast. It uses other
+random numbers, so that single runs differ; minima and the distribution of the number of generations are the same.
 """
 
 import ctypes
@@ -33,8 +32,8 @@ from .optimizer import (
     run_generations,
 )
 
-#: Of mde.c: the length of its rows is a multiple of the first; after so many generations it returns to Python for the
-#: progress and interrupts.
+#: The length of the rows of mde.c is a multiple of LANES. After CHUNK generations mde.c returns, for progress and
+#: interrupts.
 LANES, CHUNK = 16, 500
 
 
@@ -48,14 +47,14 @@ class MDESettings:
 
     population: int = 30  #: NP, the vectors of one run.
     generations: int = 4000  #: most generations of a run.
-    threshold: float = 0.3  #: a mutation is rand/1 where rand > threshold, best/1 otherwise.
+    threshold: float = 0.3  #: a mutation is rand/1 if a random number exceeds it, else best/1.
     weight: tuple[float, float] = (0.4, 1.0)  #: the interval from which F is drawn.
     crossover: tuple[float, float] = (0.7, 1.0)  #: the interval from which CR is drawn.
     #: Whether operator and indices are drawn for every component (the pseudocode) or once for a target vector (the text
     #: of the paper; converges faster here).
     per_component: bool = True
-    target: float | None = None  #: stop a run at a value not above this.
-    #: Stop a run once (worst - best) of its population is not above this fraction of its best value.
+    target: float | None = None  #: stop a run at a value of at most this.
+    #: Stop a run when worst minus best value of its population is at most this fraction of the best value.
     spread: float | None = None
 
     def __post_init__(self) -> None:
@@ -65,7 +64,7 @@ class MDESettings:
                 'to differ'
             )
         if self.generations < 1:
-            raise ParameterError(f'{self.generations} generations were asked for; at least 1 is expected')
+            raise ParameterError(f'{self.generations} generations were requested; at least 1 is expected')
         if self.spread is not None and not self.spread > 0:
             raise ParameterError(f'the spread at which a run stops is {self.spread:g}; a number above 0 is expected')
 
@@ -81,8 +80,8 @@ def mde(
 ) -> OptimizationResult:
     """Minimise a function within bounds in several independent runs.
 
-    A :class:`QuadraticObjective` is minimised by mde.c, if that was built. The default settings are those of the paper.
-    The same seed gives the same result.
+    The C version (mde.c), if it was built, minimises a :class:`QuadraticObjective`. The default settings are from the
+    paper. The same seed gives the same result.
 
     Raises:
         ParameterError: see :func:`.optimizer.require_runs`.
@@ -107,9 +106,9 @@ def generation(
     A trial replaces its target vector if it is at least as good.
     """
     trial = trials(rng, bounds, settings, x, values.argmin(axis=1))
-    offered = evaluate(objective, trial)
-    better = offered <= values
-    return np.where(better, trial, x), np.where(better, offered, values)
+    trial_values = evaluate(objective, trial)
+    better = trial_values <= values
+    return np.where(better, trial, x), np.where(better, trial_values, values)
 
 
 def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: Array, best: NDArray[np.intp]) -> Array:
@@ -129,7 +128,7 @@ def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: A
     best_1 = rng.random(choices) <= settings.threshold
     r1, r2, r3 = three_others(rng, NP, choices)
     # Line 14: in best/1 r1, r2, best and i all differ. If r1 or r2 is the best vector, r3 replaces it, which best/1
-    # does not use otherwise; every pair of the other vectors remains equally likely.
+    # does not use otherwise; all pairs of other vectors remain equally likely.
     r1, r2 = (np.where(best_1 & (r == best), r3, r) for r in (r1, r2))
 
     flat, first = x.ravel(), NP * np.arange(D * runs).reshape(D, runs, 1)
@@ -140,7 +139,7 @@ def trials(rng: np.random.Generator, bounds: Bounds, settings: MDESettings, x: A
 
 def three_others(rng: np.random.Generator, NP: int, shape: tuple[int, ...]) -> tuple[NDArray[np.intp], ...]:
     """Return r1, r2 and r3, which differ from each other and from the target i, the index along the last axis."""
-    # Each is drawn from the number of remaining indices, and then shifted past the indices that are taken.
+    # Draw each from the number of remaining indices, then skip the indices in use.
     i = np.arange(NP)
     r1, r2, r3 = (((NP - taken) * rng.random(shape)).astype(np.intp) for taken in (1, 2, 3))
     r1 += r1 >= i
@@ -157,7 +156,7 @@ def three_others(rng: np.random.Generator, NP: int, shape: tuple[int, ...]) -> t
 def drawn_back(v: Array, x: Array, bounds: Bounds) -> Array:
     """Return v, shape (D, runs, NP), with components outside the bounds set halfway from the target's x to the bound.
 
-    On the bound itself, components would soon be equal, and their differences, from which mutations come, zero.
+    On the bound itself, components would soon be equal, and mutations, which are differences, would be zero.
     """
     lower, upper = columns(bounds)
     inside = np.minimum(np.maximum(v, lower), upper)
@@ -174,11 +173,11 @@ class QuadraticObjective(Protocol):
 
     @property
     def worth(self) -> float:
-        """Penalty of an indefinite mass matrix; with 0, x need not begin with P1, P2, P3."""
+        """Weight of the penalty for an indefinite mass matrix; with 0, x need not begin with P1, P2, P3."""
 
 
 class _Settings(ctypes.Structure):
-    """The settings of mde.c."""
+    """The struct Settings of mde.c."""
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ('population', 'dimension', 'per_component')),
@@ -197,11 +196,11 @@ def _compiled(
     values: Array,
     progress: Progress | None,
 ) -> OptimizationResult:
-    """Return the result of mde.c, run by run, from initial populations x and their values."""
+    """Run mde.c from initial populations x and their values, run by run."""
     D, runs, NP = x.shape
-    how = _Settings(
+    parameters = _Settings(
         *(NP, D, settings.per_component, settings.threshold, *settings.weight, *settings.crossover),
-        *(float('nan') if limit is None else limit for limit in (settings.target, settings.spread)),
+        *(float('nan') if value is None else value for value in (settings.target, settings.spread)),
         *(objective.worth, LARGEST_COUPLING),
     )
     root, rows = np.ascontiguousarray(objective.root), NP + -NP % LANES
@@ -214,12 +213,12 @@ def _compiled(
         random = np.random.SeedSequence([seed, run]).generate_state(4 * LANES)
         done, going = 0, True
         while going and done < settings.generations:
-            asked = min(CHUNK, settings.generations - done)
+            limit = min(CHUNK, settings.generations - done)
             arrays = root, bounds.lower, bounds.upper, random, populations[run], costs[run], history[run, done + 1 :]
-            made = library.pendubot_mde(ctypes.byref(how), asked, *(array.ctypes.data for array in arrays))
-            if made < 0:
-                raise MemoryError('for the trials of a generation')
-            done, going = done + made, made == asked
+            count = library.pendubot_mde(ctypes.byref(parameters), limit, *(array.ctypes.data for array in arrays))
+            if count < 0:
+                raise MemoryError('no memory for the trials of a generation')
+            done, going = done + count, count == limit
             if progress is not None:
                 progress((run * settings.generations + done) // runs, float(costs[:, :NP].min()))
         history[run, done:] = history[run, done]

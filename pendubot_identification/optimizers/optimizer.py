@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The common parts of the optimizers: independent runs side by side, their end, and their result."""
+"""Common parts of the optimizers: independent parallel runs, stopping criteria, and results."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ from pendubot_identification.arrays import Array, Indices
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import Bounds
 
-#: Values of a function at points: (..., D) in, (...) out.
+#: A function that maps points, shape (..., D), to values, shape (...).
 Objective = Callable[[Array], Array]
-#: Called with the generations done and the best value so far.
+#: Callback with the number of generations done and the best value so far.
 Progress = Callable[[int, float], None]
 #: Best points, shape (D, runs, NP), their values, shape (runs, NP), and further arrays of an optimizer.
 State = tuple[Array, ...]
 
-#: Largest number of vectors in all runs, which the memory limits.
+#: Largest number of vectors in all runs, limited by the memory.
 MOST_VECTORS = 100_000
 
 
@@ -52,18 +52,18 @@ class OptimizationResult:
 def require_runs(runs: int, population: int, seed: int) -> None:
     """Raise ParameterError for no runs, too many vectors in all, or a negative seed."""
     if runs < 1:
-        raise ParameterError(f'{runs} runs were asked for; at least 1 is expected')
+        raise ParameterError(f'{runs} runs were requested; at least 1 is expected')
     if runs * population > MOST_VECTORS:
         raise ParameterError(
-            f'{runs * population} vectors in all runs were asked for; at most {MOST_VECTORS} are expected, '
-            'which fit into a usual memory'
+            f'{runs * population} vectors in all runs were requested; at most {MOST_VECTORS} are expected, '
+            'because memory is limited'
         )
     if seed < 0:
         raise ParameterError(f'the seed is {seed}; a whole number of at least 0 is expected')
 
 
 def random_points(bounds: Bounds, runs: int, population: int, seed: int) -> tuple[np.random.Generator, Array]:
-    """Return numpy's fastest generator, and uniformly distributed points in the box, shape (D, runs, NP).
+    """Return a random generator, and uniformly distributed points within the bounds, shape (D, runs, NP).
 
     Raises:
         ParameterError: see :func:`require_runs`.
@@ -91,10 +91,10 @@ def best_points(x: Array, values: Array) -> Array:
 def reasons_to_stop(
     values: Array, generation: int, generations: int, target: float | None, spread: float | None
 ) -> NDArray[np.str_]:
-    """Return why each run stops after a generation, shape (runs,); empty for a run that continues.
+    """Return the reason why each run stops after a generation, shape (runs,); empty for a run that continues.
 
-    With the values of its vectors, shape (runs, NP), a run stops at a best value not above ``target``, at a (worst -
-    best) not above the fraction ``spread`` of the best, or after the last of ``generations``.
+    A run stops after the last of ``generations``, or at a best value of at most ``target``. It also stops if worst
+    minus best value is at most the fraction ``spread`` of the best. ``values`` of all vectors have shape (runs, NP).
     """
     lowest = values.min(axis=1)
     reasons = np.full(len(values), 'generations' if generation >= generations else '', dtype='U11')
@@ -118,11 +118,11 @@ def run_generations(
     """Advance all runs, generation by generation, until each has stopped, see :func:`reasons_to_stop`.
 
     Args:
-        step: takes the arrays of the runs that continue, and returns them one generation later.
-        state: these arrays at the start, see :data:`State`; the last axis but one is that of the runs.
+        step: returns the arrays of the runs that continue, one generation later.
+        state: the arrays at the start, see :data:`State`; the runs are on the last axis but one.
         generations: most generations of a run.
         target: see :func:`reasons_to_stop`; None for no target.
-        spread: likewise.
+        spread: see :func:`reasons_to_stop`; None for no spread.
         per_generation: function values of a run in each generation; None: one for each vector.
         progress: called after every generation.
     """

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Samples as they arrive, and the blocks of weak-form residuals of both joints' momentum that they complete.
+"""The buffer of arriving samples, and blocks of weak-form residuals of the momentum of both joints.
 
 A block holds the test functions that begin within 0.4 s. Its rows are reduced to an R factor, so that the cost of a
 block does not depend on the sampling rate.
@@ -36,76 +36,76 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 Rows = tuple[Array, Array, Flags]
 
-#: Duration of a block, stride of its test functions, step of the nodes of integrals [s]; step of the nodes of errors
-#: in these steps.
+#: Duration of a block, stride of its test functions, step of the integration nodes [s]; step of the error nodes, in
+#: integration nodes.
 BLOCK, STRIDE, CELL, COARSE = 0.4, 0.025, 0.00125, 2
-#: Test functions of a block; nodes from one block to the next, and under all test functions of a block.
+#: Number of test functions of a block; of nodes from one block to the next; of nodes under all test functions.
 K = round(BLOCK / STRIDE)
 _STEP, _REACH = round(BLOCK / CELL), round((BLOCK - STRIDE + WIDTH) / CELL)
-#: A joint that turns by less [rad] under a test function is at rest, where dry friction is not determined.
+#: Rotation under a test function [rad] below which a joint is at rest, where dry friction is undetermined.
 STILL = 0.02
 #: Independent part of the variance of each residual, so that the covariance has a Cholesky factor.
 INDEPENDENT = 1e-5
-#: Change of the delay [s] by which the criterion weak is differentiated.
+#: Step of the delay [s] for the finite difference of the criterion weak.
 DELAY_STEP = 1e-3
-#: Most blocks that are made at once. Samples after which the end of a cubic spline has no effect: (2 - sqrt 3)^12 is
-#: 1e-7.
+#: Largest number of blocks at once. Number of samples after which the end of a cubic spline has no effect:
+#: (2 - sqrt 3)^12 is 1e-7.
 TOGETHER, SETTLED = 16, 12
-#: A stamp that runs back by more [s] is of a clock that was reset; by less, of a late or repeated sample.
+#: A stamp that decreases by more than this [s] shows a reset of the clock; by less, a late or repeated sample.
 RESTART = 1.0
-#: The effort is at its limit in a block in which more than this fraction of all efforts but 0 is the largest one.
+#: The effort of a block is saturated if more than this fraction of the non-zero efforts equals the largest one.
 SATURATED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class SegmentSettings:
-    """How samples become rows of the regression."""
+    """Settings of the regression rows of samples."""
 
     model: str  #: one of :data:`.parameters.MODELS`.
     delay: float  #: of the effort [s].
-    hold: str  #: how the torque behaves between its samples, see :meth:`.Motion.prepare`.
-    interval: float  #: of the samples [s].
-    smoothing: float  #: window by which angles are smoothed [s].
+    hold: str  #: of the torque between samples, see :meth:`.Motion.prepare`.
+    interval: float  #: sampling interval [s].
+    smoothing: float  #: smoothing window of the angles [s].
     theta: Array  #: parameters at which angle errors are linearised, shape (D,).
     angle_variance: Array  #: of the errors of both angles [rad^2], shape (2,).
     quantized: bool  #: whether both angles have the quantization step of an encoder.
     weights: Array  #: of the three residuals of the criterion weak, shape (3,).
-    whitened: bool  #: whether quantization is the only error; otherwise rows are those of the criterion weak.
+    whitened: bool  #: whether quantization is the only error; otherwise rows follow the criterion weak.
     dead_zone: float = 0.0  #: torque that the motor's driver subtracts from every torque [N m].
 
 
 class Block(NamedTuple):
     """The information of 0.4 s of motion about theta, shape (D,), and the further unknowns."""
 
-    begin: float  #: of its first test function [s].
-    end: float  #: of its last test function [s].
+    begin: float  #: start of its first test function [s].
+    end: float  #: end of its last test function [s].
     r_factor: Array  #: of its rows with standard deviation 1, shape (D+5, D+5).
     torques: Array  #: R factor of its rows in N m, shape (D+5, D+5).
-    rows: int  #: number of rows; 0 where nothing moves.
+    rows: int  #: number of rows; 0 at rest.
     saturated: bool  #: whether the effort is at its limit.
 
-    def residual(self, beside: Array | None = None) -> float:
-        """Return the mean square of its rows that no unknowns explain, given tilt and dead zone, shape (3,), or not."""
-        if beside is None:
+    def residual(self, fixed: Array | None = None) -> float:
+        """Return the least mean square of the rows over all unknowns, or with tilt and dead zone fixed, shape (3,)."""
+        if fixed is None:
             return float(self.r_factor[-1, -1] ** 2) / self.rows
-        return float(np.square(self.r_factor[-4:, -4:] @ np.append(beside, -1.0)).sum()) / self.rows
+        return float(np.square(self.r_factor[-4:, -4:] @ np.append(fixed, -1.0)).sum()) / self.rows
 
     def unexplained(self, x: Array) -> float:
-        """Return the torque that all unknowns, shape (D+4,), do not explain, RMS under test functions [N m]."""
+        """Return the RMS residual torque under test functions [N m] for all unknowns, shape (D+4,)."""
         return float(np.linalg.norm(self.torques @ np.append(x, -1.0))) / math.sqrt(self.rows)
 
 
 class Samples:
-    """The newest samples without a gap that incomplete test functions still need."""
+    """The buffer of the newest samples without a gap, for the next blocks."""
 
     def __init__(self, newest: Array | None = None) -> None:
         self.newest = np.empty((0, 5)) if newest is None else newest  #: t [s], q1, q2 [rad], tau1, tau2 [N m].
-        self.notes: dict[str, int] = {}  #: faults of samples and their number.
-        self._begin = math.nan  # of the next block [s]; unknown after a gap
+        self.notes: dict[str, int] = {}  #: count of each fault of samples.
+        self._begin = math.nan  # of the next block [s]; NaN after a gap
         self._largest_effort = 0.0
 
     def append(self, samples: Array) -> Iterator[None]:
-        """Take samples, and yield after each part without a gap; a gap clears the samples before it."""
+        """Append samples, and yield after each part without a gap; a gap clears the buffer."""
         samples = samples[self._usable(samples)]
         if not len(samples):
             return
@@ -116,13 +116,13 @@ class Samples:
         for begin, end in pairwise([0, *gaps[gaps > 0].tolist(), len(samples)]):
             if len(self.newest) and begin in gaps:
                 restarted = samples[begin, 0] < self.newest[-1, 0]
-                self._note('the stamps began anew' if restarted else 'a gap between samples')
+                self._note('a reset of the clock' if restarted else 'a gap between samples')
                 self.clear()
             self.newest = np.concatenate([self.newest, samples[begin:end]])
             yield
 
     def clear(self) -> None:
-        """Forget all samples."""
+        """Remove all samples."""
         self.newest, self._begin = np.empty((0, 5)), math.nan
 
     def _note(self, fault: str, count: int = 1) -> None:
@@ -130,7 +130,7 @@ class Samples:
         self.notes = {**self.notes, fault: self.notes.get(fault, 0) + count}
 
     def _usable(self, samples: Array) -> Flags:
-        """Return which samples are finite and later than those before them; count the others."""
+        """Return which samples are finite and later than all earlier ones; count the others."""
         usable: Flags = np.asarray(np.isfinite(samples).all(axis=1))
         if not usable.all():
             self._note('a number that is not finite', int((~usable).sum()))
@@ -146,7 +146,7 @@ class Samples:
         return usable
 
     def take_blocks(self, settings: SegmentSettings) -> list[Block]:
-        """Return the next complete blocks, at most :data:`TOGETHER`; forget samples that no later block needs."""
+        """Return the next complete blocks, at most :data:`TOGETHER`; remove samples that no later block needs."""
         if len(self.newest) <= 2 * SETTLED:
             return []
         t = self.newest[:, 0]
@@ -178,16 +178,16 @@ class Samples:
             motion = Motion.prepare(recorded, settings.smoothing, settings.hold)
             rows, torques, moving = residual_rows(motion, self._begin, count, settings)
         except TrajectoryError:
-            self._note('samples that no rig gives: too fast a motion, or too far apart')
+            self._note('implausible samples: too fast, or too far apart')
             return blocks
         r_factors: Array = np.asarray(np.linalg.qr(rows, mode='r'))
         r_factors = r_factors * np.where(np.einsum('bkk->bk', r_factors) < 0, -1.0, 1.0)[:, :, None]
         torques = np.asarray(np.linalg.qr(torques, mode='r'))
-        for k, moved in enumerate(moving.sum(axis=1).tolist()):
-            if moved >= 2 * (size + 2):
+        for k, count_moving in enumerate(moving.sum(axis=1).tolist()):
+            if count_moving >= 2 * (size + 2):
                 begin, end = blocks[k][:2]
                 saturated = self._saturated(np.abs(tau[(recorded.t >= begin) & (recorded.t < end), 0]))
-                blocks[k] = Block(begin, end, r_factors[k], torques[k], moved, saturated)
+                blocks[k] = Block(begin, end, r_factors[k], torques[k], count_moving, saturated)
         return blocks
 
     def _saturated(self, effort: Array) -> bool:
@@ -200,13 +200,13 @@ def residual_rows(motion: Motion, begin: float, count: int, settings: SegmentSet
     """Return the rows [phi, y] of the blocks of a motion from ``begin`` [s] on.
 
     ``phi`` has columns for theta, the delay, both components of the tilt, and the dead zone; it is linearised at the
-    delay and the dead zone of the settings. Rows of test functions under which nothing moves are 0.
+    delay and the dead zone of the settings. Rows of test functions without motion are 0.
 
     Returns:
-        rows of standard deviation 1 and rows in N m, shape (count, N, D+5), and which of them move, shape (count, N).
+        rows of standard deviation 1 and rows in N m, shape (count, N, D+5), and whether each moves, shape (count, N).
 
     Raises:
-        TrajectoryError: it moves faster than a rig can.
+        TrajectoryError: the motion is implausibly fast.
     """
     if not settings.whitened:
         return _weighted_rows(motion, begin, count, settings)
@@ -236,11 +236,11 @@ def residual_rows(motion: Motion, begin: float, count: int, settings: SegmentSet
 def _weighted_rows(motion: Motion, begin: float, count: int, settings: SegmentSettings) -> Rows:
     """Return the rows of the criterion weak, which has no columns of tilt and dead zone."""
 
-    def at(delay: float) -> Regression:
+    def regression(delay: float) -> Regression:
         part = motion.part(begin - max(delay, 0.0), begin + count * BLOCK + WIDTH - min(delay, 0.0))
         return weak_regression(part, settings.model, delay, weights=settings.weights, stride=STRIDE)
 
-    earlier, later = at(settings.delay - DELAY_STEP), at(settings.delay + DELAY_STEP)
+    earlier, later = regression(settings.delay - DELAY_STEP), regression(settings.delay + DELAY_STEP)
     y, lag = (later.y + earlier.y) / 2, (earlier.y - later.y) / (2 * DELAY_STEP)
     rows = np.column_stack([earlier.phi, lag, np.zeros((len(y), 3)), y + lag * settings.delay])
     moving = np.repeat(_moving(motion, begin, count), 3, axis=1)
@@ -256,7 +256,7 @@ def _moving(motion: Motion, begin: float, count: int) -> Flags:
 
 
 def _columns(states: Array, torque: Array, settings: SegmentSettings) -> tuple[Array, Array]:
-    """Return the rates that a residual integrates, and the momenta whose change it contains, shape (2, D+4, nodes)."""
+    """Return the integrands of the residuals, and the momenta, both of shape (2, D+4, nodes)."""
     size, q, v, v12 = len(settings.theta), states[:2], states[2:], states[2:].sum(axis=0)
     c2, s2, q12 = np.cos(q[1]), np.sin(q[1]), q.sum(axis=0)
     # The square of a smoothed velocity is too large by its variance.
@@ -280,7 +280,7 @@ def _columns(states: Array, torque: Array, settings: SegmentSettings) -> tuple[A
 
 @lru_cache(maxsize=8)
 def _velocity_gain(smoothing: float, interval: float) -> float:
-    """Return the variance of a smoothed velocity divided by that of independent angle errors [1/s^2]."""
+    """Return the ratio of the variances of a smoothed velocity and of independent angle errors [1/s^2]."""
     fine, t = 40, np.arange(-50.0, 51.0) * interval
     impulse = np.column_stack([t == 0, t == 0]).astype(float)
     motion = Motion.prepare(Trajectory(t, impulse, impulse), smoothing)

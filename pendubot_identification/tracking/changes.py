@@ -1,11 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The steps of the unknowns that explain the innovations of consecutive blocks.
+"""Detection and classification of steps of the unknowns, by the innovations of consecutive blocks.
 
 The generalised likelihood ratio (Willsky and Jones, IEEE Transactions on Automatic Control 21, 1976) compares no change
 with any constant step of the unknowns from the first block on. Without a change it is a chi-square variable. A change
-of parameters explains all blocks by the same step; a hand does not, because its torque is no function of the motion.
+of parameters explains all blocks by one step; a push by hand does not, as its torque is no function of the motion.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from pendubot_identification.arrays import Array
 
 from .filter import Innovations
 
-#: Unknowns beside theta, in this order: the delay of the effort [s]; P4 and P5 along the horizontal, not 0 under a tilt
-#: of the base; the dead zone of the motor [N m]; the rate of all torque [1/s].
+#: Unknowns beside theta, in this order: the delay of the effort [s]; P4 and P5 along the horizontal, not 0 if the
+#: base is tilted; the dead zone of the motor [N m]; the rate of all torque [1/s].
 DELAY, TILT, DEAD_ZONE, RATE = 'delay', ('P4 horizontal', 'P5 horizontal'), 'dead zone', 'rate'
 PAYLOAD, SEVERAL, DRIFT = 'payload on link 2', 'several', 'motor: gradual change of all torque'
-#: Smallest part of P1 to P5 after a step: without torque, no inertia at all explains any motion.
+#: Smallest ratio of P1 to P5 after and before a step: without torque, zero inertia fits any motion.
 SMALLEST = 0.3
-#: Largest part of the likelihood ratio that a step leaves unexplained.
+#: Largest fraction of the likelihood ratio that a step leaves unexplained.
 UNEXPLAINED = 0.05
 
 
 class ChangeType(NamedTuple):
-    """A type of change: its name, and the directions of its steps, each about as long as the scale, shape (D, F)."""
+    """A type of change: its name, and the directions of its steps, of about the size of the scale, shape (D, F)."""
 
     name: str
     directions: Array
@@ -55,13 +55,13 @@ class StepChange(NamedTuple):
         return cls(kind, kind.directions @ size, np.sqrt((to_step**2).sum(axis=1)), ratio)
 
     def possible(self, x: Array, scale: Array) -> bool:
-        """Return whether a rig can take this step from the unknowns x, shape (D,)."""
+        """Return whether this step from the unknowns x, shape (D,), is physically possible."""
         after, tolerance = x + self.step, scale / 10
         if (after < SMALLEST * x - tolerance)[:5].any() or (after + 3 * self.std_error < -tolerance)[5:-5].any():
             return False
-        # A payload adds both mass and inertia about the elbow, or takes both away.
-        sure = np.abs(self.step) > 3 * self.std_error
-        return not (self.kind.name == PAYLOAD and sure[1] and sure[3] and self.step[1] * self.step[3] < 0)
+        # A payload adds both mass and inertia about the elbow, or removes both.
+        significant = np.abs(self.step) > 3 * self.std_error
+        return not (self.kind.name == PAYLOAD and significant[1] and significant[3] and self.step[1] * self.step[3] < 0)
 
     def significant(self, names: Sequence[str]) -> dict[str, tuple[float, float]]:
         """Return step and standard error of each unknown that changed by more than three standard errors."""
@@ -71,12 +71,12 @@ class StepChange(NamedTuple):
 
 def most_likely_step(innovations: Innovations, names: Sequence[str], x: Array, scale: Array) -> StepChange | None:
     """Return the possible step of the unknowns x, shape (D,), that the Bayesian information criterion prefers."""
-    price = max(1.0, innovations.residual) * math.log(innovations.rows)
-    unexplained = max(price * len(x), UNEXPLAINED * innovations.ratio)
+    penalty = max(1.0, innovations.residual) * math.log(innovations.rows)
+    unexplained = max(penalty * len(x), UNEXPLAINED * innovations.ratio)
     steps = (StepChange.of(kind, innovations) for kind in change_types(names, x, scale))
     return max(
         (step for step in steps if innovations.ratio - step.ratio <= unexplained and step.possible(x, scale)),
-        key=lambda step: step.ratio - price * step.kind.directions.shape[1],
+        key=lambda step: step.ratio - penalty * step.kind.directions.shape[1],
         default=None,
     )
 

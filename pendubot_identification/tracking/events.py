@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What tracking begins with and what it reports: states, changes, disturbances, restarts."""
+"""The start of tracking and its reports: states, changes, disturbances, restarts."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ NOT_AS_BEFORE = 'not as it was identified before'
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """What is known beforehand.
+    """The prior knowledge and the options of tracking.
 
     Raises:
         ParameterError: an unknown model, or parameters that are not physical.
@@ -29,27 +29,27 @@ class Start:
     model: str = 'coulomb'
     theta: Array | None = None  #: shape (D,); None: the first motion determines it.
     std_error: Array | None = None  #: shape (D,).
-    delays: tuple[float, float] = (0.0, 0.05)  #: between which that of the effort is searched [s].
+    delays: tuple[float, float] = (0.0, 0.05)  #: search interval of the delay of the effort [s].
     hold: str = 'zero'  #: see :meth:`.Motion.prepare`.
-    #: Returns the level of a first motion and its warnings; tracking does not start with one of level ERROR.
+    #: Returns level and warnings of a first motion; tracking does not start at level ERROR.
     validate: Callable[[Trajectory], tuple[Level, Sequence[str]]] = lambda motion: (Level.OK, ())
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise ParameterError(f'there is no model {self.model!r}; the models are {", ".join(MODELS)}')
         if self.theta is not None and (problems := Parameters.from_vector(self.theta).unphysical()):
-            raise ParameterError(f'no rig can be followed from these parameters: {"; ".join(problems)}')
+            raise ParameterError(f'tracking cannot start from unphysical parameters: {"; ".join(problems)}')
 
 
 class State(NamedTuple):
-    """The parameters at a time.
+    """The estimated parameters at one time.
 
     Attributes:
         t: the middle of the newest block [s].
         theta, std_error: physical parameters and their standard errors, shape (D,).
         delay, delay_std_error: of the effort [s].
-        level, warnings: how far to trust them, and why.
-        unexplained: the torque that they do not explain when the rig last moved, RMS under test functions [N m].
+        level, warnings: of the parameters.
+        unexplained: RMS residual torque under test functions when the rig last moved [N m].
         moving: whether a measurement was used.
     """
 
@@ -99,13 +99,13 @@ class Disturbance(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """Motion from ``begin`` to ``end`` [s] that nothing explains, so that tracking restarts."""
+    """Motion from ``begin`` to ``end`` [s] that no change and no disturbance explains: tracking restarts."""
 
     begin: float
     end: float
 
     def __str__(self) -> str:
-        return f'from {self.begin:.1f} to {self.end:.1f} s nothing explains the motion: it is identified anew'
+        return f'from {self.begin:.1f} to {self.end:.1f} s no change explains the motion: tracking restarts'
 
 
 Event = Change | Disturbance | Lost

@@ -3,7 +3,7 @@
 
 """A Kalman filter of unknowns that are random walks: estimates, innovations, and the noise of the measurements.
 
-The measurements are the R factors of blocks. The last unknown is the rate at which the motor's gain drifts.
+The measurements are the R factors of blocks. The last unknown is the drift rate of the motor's gain.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class Innovations(NamedTuple):
     """Errors of the prediction of consecutive blocks, whitened by their covariance."""
 
     ratio: float  #: likelihood ratio of any step of the unknowns: the normalised innovation squared.
-    residual: float  #: mean square of the rows that no step explains; 0 for a single block.
-    log_likelihood: float  #: of the rows, but for a constant.
+    residual: float  #: mean square of the rows after the best step; 0 for a single block.
+    log_likelihood: float  #: of the rows, up to a constant.
     regressor: Array  #: of a step, shape (D, D).
     innovation: Array  #: shape (D,).
     rows: int  #: number of rows.
@@ -92,8 +92,8 @@ class Noise:
 
     memory: int  #: largest number of blocks in a mean.
     count: int  #: number of blocks so far, at most the memory.
-    residual: float  #: mean square of the rows that no unknowns explain.
-    given: float  #: the same for the estimated tilt and dead zone, and any theta and delay.
+    residual: float  #: least mean square of the rows over all unknowns.
+    conditional: float  #: the same with the estimated tilt and dead zone.
     square: Array  #: of the innovation of each row, in units of the residual, shape (D-1,).
     product: Array  #: of the innovations of neighbours, shape (D-1,).
     last: Array  #: innovations of the newest block, shape (D-1,).
@@ -102,17 +102,17 @@ class Noise:
     def of(cls, blocks: Sequence[Block], x: Array, memory: int) -> Noise:
         """Return the noise of first blocks, from which the unknowns x, shape (D-1,), were estimated."""
         residual = float(np.mean([block.residual() for block in blocks]))
-        given = float(np.mean([block.residual(x[-3:]) for block in blocks]))
+        conditional = float(np.mean([block.residual(x[-3:]) for block in blocks]))
         none = np.zeros_like(x)
-        begin = cls(memory, len(blocks), residual, given, none, none, none)
+        begin = cls(memory, len(blocks), residual, conditional, none, none, none)
         errors = np.array([begin._errors(block, x) for block in blocks])
         square, product = (errors**2).mean(axis=0), (errors[1:] * errors[:-1]).mean(axis=0)
         return replace(begin, square=square, product=product, last=errors[-1])
 
     @property
     def excess(self) -> float:
-        """The RMS residual divided by that of quantization."""
-        return math.sqrt(self.given)
+        """The ratio of the RMS residual to the quantization level."""
+        return math.sqrt(self.conditional)
 
     def rows(self, block: Block) -> Array:
         """Return a block's rows with standard deviation 1, and a column for the rate, shape (D-1, D+1)."""
@@ -122,7 +122,7 @@ class Noise:
     def updated(self, block: Block, before: Estimate) -> Noise:
         """Return the noise after a block, given the estimate before it."""
         phi, count = self.rows(block)[:, :-1], min(self.count + 1, self.memory)
-        # The variance of an innovation includes that of the estimate.
+        # The variance of an innovation includes the variance of the estimate.
         innovation = self._errors(block, before.mean[:-1]) / np.sqrt(1 + ((phi @ before.covariance) * phi).sum(axis=1))
 
         def averaged(old: T, new: T) -> T:
@@ -132,7 +132,7 @@ class Noise:
             self,
             count=count,
             residual=averaged(self.residual, block.residual()),
-            given=averaged(self.given, block.residual(before.mean[-4:-1])),
+            conditional=averaged(self.conditional, block.residual(before.mean[-4:-1])),
             square=averaged(self.square, innovation**2),
             product=averaged(self.product, innovation * self.last),
             last=innovation,

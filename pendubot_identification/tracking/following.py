@@ -61,12 +61,12 @@ class Following:
     estimate: Estimate
     rival: Estimate  #: under the other hypothesis.
     drifts: bool = False  #: whether the gain drifts in ``estimate``.
-    page: float = 0.0  #: the likelihood ratio of the rival since the onset.
-    onset: float = 0.0  #: when the rival was last no more likely [s].
+    page: float = 0.0  #: likelihood ratio of the rival since the onset.
+    onset: float = 0.0  #: last time at which the rival was not more likely [s].
     time: float = math.nan  #: of the estimate [s].
     recent: tuple[Prediction, ...] = ()  #: the newest predictions.
     moved: Block | None = None  #: the newest block that moved.
-    events: tuple[Event, ...] = ()  #: that the newest block shows.
+    events: tuple[Event, ...] = ()  #: events of the newest block.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -75,7 +75,7 @@ class Following:
 
     @property
     def segment(self) -> SegmentSettings:
-        """How samples become rows, linearised at the estimated delay and dead zone."""
+        """The settings of the rows, linearised at the estimated delay and dead zone."""
         x = np.clip(self.estimate.mean[:-1], self.bounds.lower, self.bounds.upper)
         return replace(self.first_segment, delay=float(x[-4]), dead_zone=max(float(x[-1]), 0.0))
 
@@ -96,13 +96,13 @@ class Following:
         return self.recent[max(inside, default=0) :]
 
     def after(self, estimate: Estimate, now: float) -> Following:
-        """Return this with an estimate, from which the other hypothesis begins anew."""
+        """Return this state with another estimate, from which the rival hypothesis restarts."""
         rival = estimate.with_rate(self.scale[-1] * (self.settings.inertia_walk if self.drifts else 1.0))
         return replace(self, estimate=estimate, rival=rival, page=0.0, onset=now)
 
 
 def step(now: Following, block: Block) -> tuple[Following, State]:
-    """Return the estimate after a block, with the events that it shows, and its report."""
+    """Return the estimate and the events after a block, and the report."""
     after = predict(now, block)
     if block.rows:
         after = detect(update(after, gate(after, block)))
@@ -111,31 +111,31 @@ def step(now: Following, block: Block) -> tuple[Following, State]:
 
 def predict(now: Following, block: Block) -> Following:
     """Return both hypotheses at the time of a block."""
-    since = block.begin - now.time
-    # After a reset of the clock the time since is unknown.
-    since = max(since, BLOCK) if since == since else BLOCK
-    # A motor that wears in motion need not do so at rest.
+    elapsed = block.begin - now.time
+    # It is NaN after a reset of the clock.
+    elapsed = max(elapsed, BLOCK) if elapsed == elapsed else BLOCK
+    # A gain that drifts in motion may be constant at rest.
     idle = now.moved is not None and block.begin - now.moved.end >= now.settings.idle
-    drifting = 0.0 if idle else since
+    drifting = 0.0 if idle else elapsed
     return replace(
         now,
         events=(),
         time=block.begin,
-        estimate=_advance(now, now.estimate, since, drifting, now.drifts),
-        rival=_advance(now, now.rival, since, drifting, not now.drifts),
+        estimate=_advance(now, now.estimate, elapsed, drifting, now.drifts),
+        rival=_advance(now, now.rival, elapsed, drifting, not now.drifts),
     )
 
 
-def _advance(now: Following, estimate: Estimate, since: float, drifting: float, drifts: bool) -> Estimate:
-    """Return an estimate after a time [s], in a part of which the gain drifts."""
+def _advance(now: Following, estimate: Estimate, elapsed: float, drifting: float, drifts: bool) -> Estimate:
+    """Return the estimate after a time [s]; the gain drifts for ``drifting`` [s]."""
     walk = now.walk.copy()
     if drifts:
         walk[-1] = now.scale[-1] * now.settings.rate_walk
-    return estimate.time_update(walk * math.sqrt(since), drifting * _drift(estimate))
+    return estimate.time_update(walk * math.sqrt(elapsed), drifting * _drift(estimate))
 
 
 def _drift(estimate: Estimate) -> Array:
-    """Return the change of all unknowns in a second by a rate of 1: that of theta, shape (D,)."""
+    """Return the change of the unknowns per second at a rate of 1, shape (D,): theta, then zeros."""
     return np.concatenate([estimate.mean[:-5], np.zeros(5)])
 
 
@@ -148,7 +148,7 @@ def gate(now: Following, block: Block) -> Prediction:
 
 
 def update(now: Following, prediction: Prediction) -> Following:
-    """Return both hypotheses after a block inside the gate; one outside waits."""
+    """Return both hypotheses after a block inside the gate; a block outside waits."""
     waiting = replace(now, recent=(*now.recent, prediction)[-now.settings.lost :], moved=prediction.block)
     if not prediction.inside:
         return waiting
@@ -179,19 +179,19 @@ def detect(now: Following) -> Following:
 def _detect_step(now: Following) -> tuple[StepChange, tuple[Prediction, ...]] | None:
     """Return the step that explains the newest blocks best, and these; None if no step is significant.
 
-    A type of change with a name goes before an unnamed one, which also explains a change within the first block.
+    A named type of change is preferred to an unnamed one, which also explains a change within the first block.
     """
     s, newest = now.settings, now.recent[-now.settings.window :]
     candidates = []
-    # A step begins with a block outside the gate, or is so small that it shows in many blocks only.
+    # A step begins with a block outside the gate; a small step is visible in many blocks only.
     outside = [k for k, each in enumerate(newest[:-1]) if not each.inside]
     for first in outside or ([0] if len(newest) == s.window else []):
         blocks = newest[first:]
-        found = Innovations.of(blocks[0].before, [each.rows for each in blocks])
-        evidence = found.ratio / max(1.0, found.residual)
-        if evidence <= now.limit or found.residual > s.explained:
+        innovations = Innovations.of(blocks[0].before, [each.rows for each in blocks])
+        evidence = innovations.ratio / max(1.0, innovations.residual)
+        if evidence <= now.limit or innovations.residual > s.explained:
             continue
-        if change := most_likely_step(found, now.names, blocks[0].before.mean, now.scale):
+        if change := most_likely_step(innovations, now.names, blocks[0].before.mean, now.scale):
             candidates.append((change.kind.name != SEVERAL, evidence, change, blocks))
     if not candidates:
         return None
@@ -204,7 +204,7 @@ def _take_step(now: Following, chosen: StepChange, blocks: Sequence[Prediction])
     estimate = blocks[0].before.inflate_covariance(chosen.kind.directions)
     estimate = estimate.measurement_update(Innovations.of(estimate, [each.rows for each in blocks]))
     estimate = _advance(now, estimate, BLOCK, BLOCK * (len(blocks) - 1), now.drifts)
-    # The step may be under the blocks before that waited, or under the last test functions of the one before.
+    # The step may be in earlier waiting blocks, or under the last test functions of the block before.
     times = [each.block.begin for each in now.recent]
     first = earliest = len(times) - len(blocks)
     while earliest and not now.recent[earliest - 1].inside:
@@ -218,9 +218,9 @@ def _take_step(now: Following, chosen: StepChange, blocks: Sequence[Prediction])
 
 
 def _take_rival(now: Following) -> Following:
-    """Return the estimate of the rival; it is a change if the motor's gain begins to drift."""
+    """Return the rival estimate, with a change as event if the motor's gain begins to drift."""
     end = now.recent[-1].block.end
-    # It began or ended since the onset, or little before: what is small shows in many blocks only.
+    # The drift began or ended since the onset or shortly before: a small change is visible in many blocks only.
     begin = now.onset - now.settings.window * BLOCK
     drift = (end - begin) * _drift(now.rival)
     rate = max(abs(now.estimate.mean[-1]), abs(now.rival.mean[-1]))
@@ -234,7 +234,7 @@ def _take_rival(now: Following) -> Following:
 
 
 def report(now: Following, block: Block) -> State:
-    """Return the parameters after a block, their errors, and warnings."""
+    """Return the parameters after a block, with standard errors and warnings."""
     x, errors = _physical(now), np.sqrt(now.common * np.diag(now.estimate.covariance))
     along, across = x[3:5], x[-3:-1]
     tilt = math.atan2(across.sum(), along.sum())
@@ -270,7 +270,7 @@ def _warnings(
 ) -> Iterator[str]:
     idle = math.inf if now.moved is None else block.end - now.moved.end
     if idle > now.settings.idle:
-        yield f'nothing has moved for {idle:.0f} s: the parameters are of then, and their uncertainty grows'
+        yield f'nothing has moved for {idle:.0f} s: the parameters are of that time, and their uncertainty grows'
     poor = std_error[:5] > POOR * np.abs(theta[:5])
     if poor.any():
         names = ', '.join(np.array(NAMES[:5])[poor])
@@ -278,16 +278,16 @@ def _warnings(
     if abs(tilt) > now.settings.tilt:
         yield (
             f'the base is tilted in the plane of motion by {math.degrees(tilt):.2f} deg, or the zero of the shoulder '
-            'is off by that; level the base, or set the zeros anew'
+            'is off by that; level the base, or set the zeros again'
         )
     if dead_zone > now.settings.dead_zone * now.effort:
-        yield f'the motor has a dead zone of {dead_zone:.3g} N m: so much of every torque does not act'
+        yield f'the motor has a dead zone of {dead_zone:.3g} N m: every torque is reduced by this amount'
     if now.first_segment.quantized and now.common > 1:
         yield (
-            f'the residual is {now.noise.excess:.1f} times that of quantization: the rig has effects that the models '
-            'lack, or is sampled too slowly; the errors of the parameters may exceed their intervals'
+            f'the residual is {now.noise.excess:.1f} times the quantization level: the rig has unmodelled effects, '
+            'or is sampled too slowly; the errors of the parameters may exceed their intervals'
         )
     if now.waiting:
-        yield 'the last motion is not explained: a hand, a change, or an unmodelled effect'
+        yield 'the model does not explain the last motion: a push by hand, a change, or an unmodelled effect'
     if block.saturated:
         yield 'the effort is at its limit; if the command was larger, less torque has acted'

@@ -43,7 +43,7 @@ WIDEST = 0.03
 
 
 def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: TrackerSettings) -> Following:
-    """Return the estimate before a first motion; it is a change if the rig no longer has the parameters of the start.
+    """Return the estimate before a first motion, with a change as event if the parameters of the start do not fit.
 
     Raises:
         PendubotError: the motion is too short, has gaps, or does not determine the parameters.
@@ -102,12 +102,12 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
 def _box_factor(motion: Trajectory, start: Start, bounds: Bounds) -> float:
     """Return the factor by which default bounds must grow for the rig of a first motion."""
     states = Motion.prepare(motion, SMOOTHING, start.hold)
-    made = weak_regression(states, SIZING, max(start.delays[0], 0.0), stride=WIDTH / 3, coarse=True)
-    return box_factor(bounds.completed(), Quadratic.reduce(made.phi, made.y))
+    regression = weak_regression(states, SIZING, max(start.delays[0], 0.0), stride=WIDTH / 3, coarse=True)
+    return box_factor(bounds.completed(), Quadratic.reduce(regression.phi, regression.y))
 
 
 def _segment_settings(motion: Trajectory, start: Start, bounds: Bounds) -> tuple[SegmentSettings, SegmentSettings]:
-    """Return settings for whitened rows, and for those of the criterion weak.
+    """Return the settings for whitened rows, and for rows of the criterion weak.
 
     Raises:
         PendubotError: the motion is too short, has gaps, or gives parameters that are not physical.
@@ -117,8 +117,8 @@ def _segment_settings(motion: Trajectory, start: Start, bounds: Bounds) -> tuple
     delay = low if low == high else estimate_delay([prepared], start.model, bounds, low, high)
     regression = weak_regression(prepared, start.model, delay)
     weights = residual_weights([regression], bounds)
-    each = np.tile(weights, len(regression.y) // 3)
-    theta = Quadratic.reduce(each[:, None] * regression.phi, each * regression.y).minimum(bounds)
+    row_weights = np.tile(weights, len(regression.y) // 3)
+    theta = Quadratic.reduce(row_weights[:, None] * regression.phi, row_weights * regression.y).minimum(bounds)
     if problems := Parameters.from_vector(theta).unphysical():
         raise PendubotError(f'not physical: {problems[0]}')
     even, quanta = resample(motion).q, encoder_step(motion.q)
@@ -133,14 +133,14 @@ def _segment_settings(motion: Trajectory, start: Start, bounds: Bounds) -> tuple
 def _explained(
     motion: Trajectory, segment: SegmentSettings, bounds: Bounds, settings: TrackerSettings
 ) -> tuple[SegmentSettings, list[Block], Array, tuple[str, ...]]:
-    """Return the settings, blocks and unknowns of a first motion, and the fewest of tilt and dead zone that it needs.
+    """Return the settings, blocks and unknowns of a first motion, and the names of tilt and dead zone that it needs.
 
-    If none of them reduce the residual to quantization, the rig has other effects, and tilt and dead zone are 0.
+    If no selection of them reduces the residual to the quantization level, the rig has other effects, and both are 0.
     """
     plain = _moving_blocks(motion, segment, settings)
     for present in ((), TILT, (DEAD_ZONE,), (*TILT, DEAD_ZONE)):
         tried, blocks = segment, plain
-        # Theta whitens the rows, and they are not linear in the dead zone.
+        # Iterate, because whitening depends on theta, and the rows are not linear in the dead zone.
         for _ in range(3 if present else 1):
             pooled = _pooled(blocks)
             x = pooled.minimum(_fixed(bounds, present))
@@ -152,14 +152,14 @@ def _explained(
 
 
 def _fixed(bounds: Bounds, present: Sequence[str]) -> Bounds:
-    """Return the bounds with tilt and dead zone fixed at 0, except for those that are present."""
+    """Return the bounds with tilt and dead zone fixed at 0, except for the present ones."""
     for name in {*TILT, DEAD_ZONE} - set(present):
         bounds = bounds.replaced(name, 0.0, 0.0)
     return bounds
 
 
 def _moving_blocks(motion: Trajectory, segment: SegmentSettings, settings: TrackerSettings) -> list[Block]:
-    """Return the blocks of a first motion in which something moves."""
+    """Return the blocks of a first motion that contain motion."""
     samples, blocks = Samples(np.column_stack([motion.t, motion.q, motion.tau])), list[Block]()
     while more := samples.take_blocks(segment):
         blocks += [block for block in more if block.rows]
@@ -173,7 +173,7 @@ def _pooled(blocks: Sequence[Block]) -> Quadratic:
 
 
 def _theta_scale(theta: Array, motion: Trajectory, effort: float) -> Array:
-    """Return the size of each parameter: its own, or that of a torque that matters beside the others, shape (D,)."""
+    """Return the scale of each parameter, shape (D,): its size, or at least the size with a relevant torque."""
     speed = float(np.sqrt(np.mean(np.square(np.diff(motion.q, axis=0) / np.diff(motion.t)[:, None])))) + 1e-3
     least = {'P': theta[:5].max() * 0.1, 'J': theta[1] * 0.1, 'b': 0.02 * effort / speed, 'F': 0.02 * effort, 'k': 0.02}
     return np.maximum(np.abs(theta), [least[name[0]] for name in NAMES[: len(theta)]])

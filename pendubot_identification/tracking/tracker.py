@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The tracker of a rig: its first motion starts the filter, and each further block is a step of it."""
+"""The tracker of a rig: a first motion starts the filter, and each further block updates it."""
 
 import math
 from collections.abc import Iterator
@@ -19,16 +19,16 @@ from .following import Following, step
 from .settings import TrackerSettings
 from .start import start_following
 
-#: Samples that are taken at once.
+#: Largest number of samples that are appended at once.
 PORTION = 8192
 
 
 class Tracker:
-    """Follows a rig by its samples.
+    """Estimates the current parameters of a rig from its samples.
 
     Attributes:
         state: the newest parameters; None before tracking starts.
-        reason: why it has not started yet, in a sentence.
+        reason: the reason why tracking has not started.
     """
 
     def __init__(self, start: Start | None = None) -> None:
@@ -40,7 +40,7 @@ class Tracker:
         self.reset()
 
     def reset(self) -> None:
-        """Start anew."""
+        """Restart tracking without any samples."""
         self._samples.clear()
         self._pause, self._attempted = self._settings.pause, -math.inf
         self._restart()
@@ -51,31 +51,31 @@ class Tracker:
 
     @property
     def waiting(self) -> str:
-        """What more samples are waited for, in a sentence; empty once a rig is followed."""
+        """The reason why more samples are needed, as a sentence; empty after tracking has started."""
         return self.reason and f'{self.reason}; waiting for more motion'
 
     @property
     def segment_settings(self) -> SegmentSettings | None:
-        """How samples become rows of the regression; None before tracking starts."""
+        """The settings of the regression rows; None before tracking starts."""
         return None if self._following is None else self._following.segment
 
     @property
     def notes(self) -> dict[str, int]:
-        """Faults of samples and their number."""
+        """The count of each fault of samples."""
         return self._samples.notes
 
     def feed(self, samples: Array) -> Iterator[State | Event]:
-        """Take samples, rows of t [s], q1, q2 [rad], tau1, tau2 [N m]; return states and events in order.
+        """Process samples, rows of t [s], q1, q2 [rad], tau1, tau2 [N m]; yield states and events in order.
 
         Raises:
-            PendubotError: the validation of the start does.
+            PendubotError: by the validation of the start.
         """
         for begin in range(0, len(samples), PORTION):
             for _ in self._samples.append(samples[begin : begin + PORTION]):
                 yield from self._follow()
 
     def _follow(self) -> Iterator[State | Event]:
-        """Take the blocks that are complete."""
+        """Process the complete blocks."""
         if self._following is None:
             self._begin()
             yield from () if self._following is None else self._following.events
@@ -91,7 +91,7 @@ class Tracker:
                 yield state
 
     def _begin(self) -> None:
-        """Start tracking at the first time at which the newest motion suffices."""
+        """Start tracking as soon as the newest motion determines the parameters."""
         s, t = self._settings, self._samples.newest[:, 0]
         if abs(t[0] - self._attempted) > s.longest_pause:
             self._pause, self._attempted = s.pause, -math.inf
@@ -102,7 +102,7 @@ class Tracker:
             if t[-1] < due:
                 return
             first, pause = newest[t <= due], self._pause
-            # Attempts cost little, however often tracking restarts.
+            # Growing pauses limit the cost of attempts.
             self._attempted, self._pause = due, min(2 * pause, s.longest_pause)
             try:
                 if (np.ptp(first[:, 1:3], axis=0) < STILL).all():

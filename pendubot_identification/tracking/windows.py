@@ -14,12 +14,12 @@ from .events import Disturbance, Event
 
 #: Duration of a window and step between the times at which one may begin [s]; largest number of windows.
 LENGTH, STEP, NAMED = 60, 10, 3
-#: Smallest work in a window, as a part of the largest.
+#: Smallest work in a window, as a fraction of the largest.
 DRIVEN = 0.1
 
 
 class InformativeWindows:
-    """The work in each second of one recording, its faults and its changes."""
+    """Selects windows by the work in each second of a recording, its faults and its changes."""
 
     def __init__(self) -> None:
         self._work = defaultdict[int, float](float)
@@ -28,11 +28,11 @@ class InformativeWindows:
         self._last = np.empty((0, 5))
 
     def add(self, samples: Array) -> None:
-        """Take rows of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m]."""
+        """Add rows of t [s] from the first sample, q1, q2 [rad], tau1, tau2 [N m]."""
         rows = np.concatenate([self._last, samples])
         self._last = rows[-1:]
         steps, seconds = np.diff(rows, axis=0), np.floor(rows[:, 0]).astype(int)
-        # Without any torque, motion counts.
+        # Without a torque, the motion itself is the measure.
         work = (np.abs(steps[:, 1:3]) * (np.abs(rows[:-1, 3:5]) + 1e-9)).sum(axis=1)
         broken = ~(np.isfinite(work) & (steps[:, 0] > 0) & (steps[:, 0] <= LONGEST_GAP))
         self._bad.update(seconds[:-1][broken].tolist(), seconds[1:][broken].tolist())
@@ -41,7 +41,7 @@ class InformativeWindows:
             self._work[second] += float(done)
 
     def happened(self, event: Event, since: float) -> None:
-        """Take an event of a tracker, whose time was ``since`` [s] at the recording's first sample."""
+        """Add an event of a tracker, whose time at the first sample was ``since`` [s]."""
         begin, end = max(event.begin - since, 0.0), event.end - since
         self._bad.update(range(int(begin), int(end) + 1))
         if not isinstance(event, Disturbance):
@@ -55,7 +55,7 @@ class InformativeWindows:
             if all(second in self._work and second not in self._bad for second in seconds):
                 work = sum(self._work[second] for second in seconds)
                 between.setdefault(sum(change <= begin for change in self._changes), []).append((work, begin))
-        # Most windows are between the changes of the greatest distance.
+        # Select the longest time between two changes: it contains the most windows.
         longest = max(between.values(), key=len, default=[])
         longest.sort(reverse=True)
         chosen = list[int]()

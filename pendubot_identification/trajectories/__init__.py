@@ -1,4 +1,4 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Samples of a motion in; smoothed states, splines of time, and data checks out. No file is known here."""
+"""Trajectories: smoothed states, splines of time, unit conversion, and data checks. Nothing here reads a file."""

@@ -3,7 +3,7 @@
 
 """The settings of the conversion of a recording: names, defaults and help, for the command line and ROS.
 
-Nothing heavy is imported here: ``--help`` needs no numpy.
+This module imports no numpy, so that ``--help`` is fast.
 """
 
 import math
@@ -17,13 +17,13 @@ from pendubot_identification.setting import Setting, words
 #: Required and optional columns of a motion.
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')
-#: The topic and the joints of a bag, by default.
+#: Default topic and joint names of a bag.
 JOINT_STATES_TOPIC = '/joint_states'
 JOINT_NAMES = ('shoulder', 'elbow')
 
 
 def current_name(shoulder: str) -> str:
-    """Return the name of the entry of a JointState whose effort is the measured motor current [A]."""
+    """Return the name of the JointState entry whose effort is the measured motor current [A]."""
     return f'{shoulder}_current'
 
 
@@ -33,7 +33,7 @@ def _pairs(option: str, value: Any) -> dict[str, str]:
         return {str(name): str(text) for name, text in value.items()}
     named: dict[str, str] = {}
     example = 't=NAME,q1=NAME,...' if option == 'columns' else 'q1=0.1,tau1=0.05,...'
-    # The name of a column may hold a comma, too.
+    # A column name may contain a comma.
     for part in words(value if isinstance(value, (list, tuple)) else re.split(r',(?=\s*\w+\s*=)', str(value))):
         name, _, text = (word.strip() for word in part.partition('='))
         if not (name and text) or name in named:
@@ -53,13 +53,13 @@ def _amount(name: str, text: str) -> float:
     return math.radians(amount) if degrees else amount
 
 
-#: In seconds and in N m.
+#: Values of the units, in seconds and in N m.
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
 
 TOPIC = Setting('topic', JOINT_STATES_TOPIC, 'topic of a bag')
 JOINTS = Setting('joints', ','.join(JOINT_NAMES), 'joint names in a bag', read=lambda value: tuple(words(value)))
-#: In the order of application; the first ones are for bags or for files with columns only.
+#: Options in the order of application; the first ones apply only to bags, or only to files with columns.
 CONVERSION = (
     TOPIC,
     JOINTS,
@@ -101,14 +101,14 @@ CONVERSION = (
     Setting(
         'gear',
         1.0,
-        'turns of the motor per turn of the shoulder: the torque constant, of the motor, is multiplied by it',
+        'motor turns per turn of the shoulder; the torque constant of the motor is multiplied by this ratio',
         minimum=1e-3,
         maximum=1e4,
     ),
     Setting(
         'negate',
         '',
-        'quantities with the opposite sign, of q1,q2,tau1,tau2; velocities follow their angles',
+        'quantities to negate, of q1,q2,tau1,tau2; a velocity is negated with its angle',
         optional=True,
         read=lambda value: tuple(words(value)),
     ),

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Converts the numbers of a recording to a motion: units, order, signs and zeros, and corrections of these."""
+"""Conversion of a recording to a motion: units, order, signs and zeros, and their correction."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from .trajectory import Trajectory
 
 #: Quantities that can be negated or have an offset.
 QUANTITIES = ('q1', 'q2', 'tau1', 'tau2')
-#: A wrapped angle jumps by a turn but for this fraction of it.
+#: A wrapped angle jumps by more than (1 - WRAPPED) turns.
 WRAPPED = 0.15
 _EXCHANGED = np.eye(2)[::-1]
-#: From two angles with the same zero to relative ones.
+#: Map from two angles with the same zero to q1 and the relative angle q2.
 _ABSOLUTE = np.array([[1.0, 0.0], [-1.0, 1.0]])
 
 
 class Affine(NamedTuple):
-    """Positions become Q q + c, velocities Q qd, and efforts T tau + d."""
+    """An affine map: positions become Q q + c, velocities Q qd, and efforts T tau + d."""
 
     Q: Array  #: shape (2, 2).
     c: Array  #: [rad], shape (2,).
@@ -48,9 +48,9 @@ class Affine(NamedTuple):
 
     @classmethod
     def of(cls, Q: Any = None, c: Any = (0, 0), T: Any = None, d: Any = (0, 0)) -> Affine:
-        """Return the map of these numbers; the defaults change nothing."""
+        """Return the map with these coefficients; the default is the identity."""
         Q, T = (np.eye(2) if M is None else M for M in (Q, T))
-        return cls(*(np.array(each, dtype=float) for each in (Q, c, T, d)))
+        return cls(*(np.array(values, dtype=float) for values in (Q, c, T, d)))
 
     def after(self, first: Affine) -> Affine:
         """Return the map that applies ``first`` and then this one."""
@@ -88,12 +88,12 @@ class Conversion:
     def __post_init__(self) -> None:
         for setting in CONVERSION:
             setting.check(getattr(self, setting.name))
-        for option, given, known in (
+        for option, names, known in (
             ('columns', self.columns, REQUIRED + OPTIONAL),
             ('negate', self.negate, QUANTITIES),
             ('offset', self.offset, QUANTITIES),
         ):
-            if unknown := [name for name in given if name not in known]:
+            if unknown := [name for name in names if name not in known]:
                 raise ParameterError(f'--{option}: there is no quantity {unknown[0]!r}; use {", ".join(known)}')
         if len(self.joints) != 2 or len(set(self.joints)) != 2:
             raise ParameterError(
@@ -112,7 +112,7 @@ class Conversion:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Conversion:
-        """Return the conversion of options as texts or YAML values; the others have their defaults.
+        """Return the conversion for some options, given as texts or YAML values; all others have their defaults.
 
         Raises:
             ParameterError: a name is unknown or a value is invalid.
@@ -124,33 +124,33 @@ class Conversion:
 
     def words(self) -> dict[str, str]:
         """Return the options that differ from their defaults, as texts for :meth:`of`."""
-        found = {}
-        for each in fields(self):
-            value = getattr(self, each.name)
-            if not value or value == each.default:
+        texts = {}
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if not value or value == option.default:
                 continue
-            if each.name == 'offset':
+            if option.name == 'offset':
                 angles = {name: math.degrees(amount) for name, amount in value.items() if name.startswith('q')}
                 value = {name: f'{angles[name]:.9g}deg' if name in angles else f'{x:.9g}' for name, x in value.items()}
             if isinstance(value, Mapping):
                 value = tuple(f'{name}={text}' for name, text in value.items())
             if isinstance(value, tuple):
                 value = ','.join(value)
-            found[each.name] = 'true' if value is True else str(value)
-        return found
+            texts[option.name] = 'true' if value is True else str(value)
+        return texts
 
     def options(self) -> list[str]:
-        """Return the same as options of the command line."""
+        """Return the options that differ from their defaults, as options of the command line."""
         return options(self.words())
 
     @property
     def names(self) -> dict[str, str]:
-        """The name of each quantity's column."""
+        """The column name of each quantity."""
         return {name: self.columns.get(name, name) for name in REQUIRED + OPTIONAL}
 
     @property
     def seconds(self) -> float:
-        """The unit of a file's times."""
+        """The unit of the times in a file [s]."""
         return TIME_UNITS[self.time_unit]
 
     @property
@@ -193,17 +193,17 @@ class Conversion:
             self._refuse_wrapped(t, q, name)
         Q, c, T, d = self.affine
         if self.words():
-            # Without options, nothing is copied: it may be an hour.
+            # Without options, avoid a copy: the recording may last an hour.
             q, tau, qd = q @ Q.T + c, tau @ T.T + d, None if qd is None else qd @ Q.T
         return Trajectory(t, q, tau, qd, name)
 
     @property
     def turn(self) -> float:
-        """A turn in the unit of the recorded angles."""
+        """One turn, in the unit of the recorded angles."""
         return 360.0 if self.degrees else 2 * math.pi
 
     def _refuse_wrapped(self, t: Array, q: Array, name: str) -> None:
-        """Raise TrajectoryError if an angle stays within one turn, in its unit or in degrees, and jumps by that."""
+        """Raise TrajectoryError if an angle stays within one turn, in its unit or in degrees, and jumps by a turn."""
         span = np.ptp(q, axis=0)
         for period in dict.fromkeys((self.turn, 360.0)):
             suspect = (span > (1 - WRAPPED) * period) & (span <= period * (1 + 1e-6))
@@ -220,15 +220,15 @@ class Conversion:
                 )
 
     def then(self, change: Affine) -> Conversion | None:
-        """Return the conversion that changes the motion in this way; None if no options do.
+        """Return the conversion that also applies a change to the motion; None if no options can express it.
 
         Of several conversions, the one with the fewest changed options is returned.
         """
-        wanted, before = change.after(self.affine), set(self.options())
-        # Without units and the constant of a current, entries are -1, 0 and 1; an absolute elbow has one more of them.
-        degrees = bool(np.abs(wanted.Q).max() < 0.5)
-        Q = wanted.Q * (180 / math.pi) if degrees else wanted.Q
-        T = wanted.T / [[self.torque_constant * self.gear or 1.0], [1.0]]
+        target, before = change.after(self.affine), set(self.options())
+        # Without units and torque constant, entries are -1, 0 and 1; an absolute elbow has a third entry other than 0.
+        degrees = bool(np.abs(target.Q).max() < 0.5)
+        Q = target.Q * (180 / math.pi) if degrees else target.Q
+        T = target.T / [[self.torque_constant * self.gear or 1.0], [1.0]]
         absolute = int((np.abs(Q) > 0.5).sum()) == 3
         Q = np.linalg.inv(_ABSOLUTE) @ Q if absolute else Q
         exchanged = [bool(abs(M[0, 1]) > abs(M[0, 0])) for M in (Q, T)]
@@ -241,16 +241,16 @@ class Conversion:
             negate=tuple(n for n, sign in zip(QUANTITIES, [*Q.sum(axis=1), *T.sum(axis=1)], strict=True) if sign < 0),
             offset={},
         )
-        found = []
+        candidates = []
         for zero in ('horizontal', 'hanging'):
             other = replace(same, zero=zero)
             Q, c, T, d = other.affine
-            if not (np.allclose(Q, wanted.Q, atol=1e-9) and np.allclose(T, wanted.T, atol=1e-9)):
+            if not (np.allclose(Q, target.Q, atol=1e-9) and np.allclose(T, target.T, atol=1e-9)):
                 return None
-            turns = np.remainder(c - wanted.c + math.pi, 2 * math.pi) - math.pi
-            offset = dict(zip(QUANTITIES, [*turns, *(d - wanted.d)], strict=True))
-            found.append(replace(other, offset={name: float(x) for name, x in offset.items() if abs(x) > 1e-9}))
-        return min(found, key=lambda each: len(each.offset) + len(before.symmetric_difference(each.options())))
+            turns = np.remainder(c - target.c + math.pi, 2 * math.pi) - math.pi
+            offset = dict(zip(QUANTITIES, [*turns, *(d - target.d)], strict=True))
+            candidates.append(replace(other, offset={name: float(x) for name, x in offset.items() if abs(x) > 1e-9}))
+        return min(candidates, key=lambda c: len(c.offset) + len(before.symmetric_difference(c.options())))
 
 
 def options(words: Mapping[str, str]) -> list[str]:

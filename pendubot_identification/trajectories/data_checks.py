@@ -17,19 +17,19 @@ from .trajectory import Trajectory
 class CheckSettings:
     """Thresholds of the warnings."""
 
-    missing: float = 0.02  #: Fraction of missing samples: the torque meanwhile is unknown.
-    saturated: float = 0.2  #: Fraction of the samples with effort at its greatest value.
-    stands: int = 3  #: Angles are cut off if the extreme position lasts for so many samples ...
-    times: int = 3  #: ... so often ...
-    abrupt: float = 4.0  #: ... after a jump of so many encoder steps.
+    missing: float = 0.02  #: Fraction of missing samples, during which the torque is unknown.
+    saturated: float = 0.2  #: Fraction of the non-zero effort samples at the greatest value.
+    lasting: int = 3  #: Angles are clipped if the extreme position lasts for this number of samples ...
+    repeated: int = 3  #: ... at least this number of times ...
+    abrupt: float = 4.0  #: ... after a jump of more than this number of encoder steps.
 
 
 SETTINGS = CheckSettings()
 
 
 def data_checks(recordings: Sequence[Trajectory]) -> list[str]:
-    """Return warnings of missing samples, inconsistent timestamps, efforts at a limit and angles that are cut off."""
-    checks = [check for some in CHECKS.values() for check in some]
+    """Return warnings of missing samples, inconsistent timestamps, saturated efforts and clipped angles."""
+    checks = [check for group in CHECKS.values() for check in group]
     return [text for recording in recordings for check in checks for text in check(recording)]
 
 
@@ -49,43 +49,43 @@ def _jitter(motion: Trajectory) -> list[str]:
     if not has_timestamp_jitter(motion):
         return []
     steps = np.diff(motion.t)
-    done = 'they are not corrected' if evenly_stamped(motion) is motion else 'even stamps replace them'
+    handling = 'they are not corrected' if evenly_stamped(motion) is motion else 'even stamps replace them'
     return [
-        f'{motion.name}: its stamps jitter, from {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart, and its '
-        f'samples did not: the motion is smooth by even stamps only; {done}. Stamp samples by the clock of the board'
+        f'{motion.name}: its stamps jitter, from {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms apart, but its '
+        f'motion is smooth only with even stamps; {handling}. Stamp the samples by the clock of the board'
     ]
 
 
 def _saturated(motion: Trajectory) -> list[str]:
-    """Warn of an effort at a limit; square pulses cause this warning as well."""
-    found = []
+    """Warn of a saturated effort; square pulses cause this warning as well."""
+    warnings = []
     for joint, tau in zip(JOINT_NAMES, motion.tau.T, strict=True):
         size = np.abs(tau)
-        greatest, some = float(size.max()), size > 1e-9
-        fraction = float((size[some] > greatest * (1 - 1e-6)).mean()) if some.any() else 0.0
-        if fraction > SETTINGS.saturated and some.sum() > 10 and np.unique(tau[some]).size > 2:
-            found.append(
+        greatest, acting = float(size.max()), size > 1e-9
+        fraction = float((size[acting] > greatest * (1 - 1e-6)).mean()) if acting.any() else 0.0
+        if fraction > SETTINGS.saturated and acting.sum() > 10 and np.unique(tau[acting]).size > 2:
+            warnings.append(
                 f'{motion.name}: the effort of the {joint} is at its maximum of {greatest:.4g} N m in '
-                f'{100 * fraction:.0f} % of the samples with effort; if that is a limit of the motor or of the record, '
-                'the recorded effort is wrong: excite with less'
+                f'{100 * fraction:.0f} % of the samples with effort; if the motor or the recording limits it, '
+                'the recorded effort is wrong: excite with smaller torques'
             )
-    return found
+    return warnings
 
 
 def _clipped(motion: Trajectory) -> list[str]:
-    found = []
+    warnings = []
     for joint, q, step in zip(JOINT_NAMES, motion.q.T, encoder_step(motion.q), strict=True):
         for word, extreme in (('greatest', q.max()), ('least', q.min())):
             edges = np.flatnonzero(np.diff(np.concatenate([[False], q == extreme, [False]]).astype(int)))
-            runs = [(a, b) for a, b in edges.reshape(-1, 2) if a > 0 and b - a >= SETTINGS.stands]
+            runs = [(a, b) for a, b in edges.reshape(-1, 2) if a > 0 and b - a >= SETTINGS.lasting]
             abrupt = [a for a, b in runs if abs(q[a] - q[a - 1]) > SETTINGS.abrupt * max(step, 1e-6)]
-            if len(abrupt) >= SETTINGS.times:
-                found.append(
+            if len(abrupt) >= SETTINGS.repeated:
+                warnings.append(
                     f'{motion.name}: the {joint} stops abruptly at its {word} position of {extreme:.4g} rad '
-                    f'{len(abrupt)} times; are its angles cut off there, or does it hit a stop? choose a window '
+                    f'{len(abrupt)} times; are its angles clipped, or does it hit a stop? choose a window '
                     'without these times'
                 )
-    return found
+    return warnings
 
 
 #: The checks by their subject.

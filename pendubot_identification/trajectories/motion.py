@@ -23,11 +23,11 @@ T = TypeVar('T')
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """States and torques of one recording at any time."""
+    """States and torques of one recording as functions of time."""
 
     name: str  #: of the recording.
     start: float  #: time of its first sample [s].
-    end: float  #: time of its last one [s].
+    end: float  #: time of its last sample [s].
     interval: float  #: its sampling interval [s].
     smoothed: PPoly  #: q1, q2, q1', q2' [rad, rad/s] as a spline of time.
     impulse: PPoly  #: integral of both torques [N m s] since the start, as a piecewise polynomial of time.
@@ -44,7 +44,7 @@ class Motion:
 
     @classmethod
     def prepare(cls, trajectory: Trajectory, smoothing: float, hold: str = 'zero') -> Motion:
-        """Smooth the positions by a window of so many seconds and integrate the torques; velocities are not used.
+        """Smooth the positions with a window [s] and integrate the torques; recorded velocities are not used.
 
         ``hold``: ``zero``: a torque is applied from its sample until the next one, as this package's bridge records it.
         ``linear``: it was measured at its sample and changes linearly until the next one.
@@ -53,7 +53,7 @@ class Motion:
         interval = even.interval
         q, qd = differentiate(even.q, interval, smoothing)
         if q is even.q:
-            # Too few samples to be smoothed: a spline's velocity is ten times better than differences.
+            # Too few samples for smoothing: a spline's velocity is ten times as accurate as differences.
             qd = CubicSpline(even.t, q)(even.t, 1)
         t, tau = trajectory.t, trajectory.tau
         pieces = [tau[:-1]] if hold == 'zero' else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
@@ -68,17 +68,17 @@ class Motion:
         )
 
     def part(self, start: float, end: float) -> Motion:
-        """Return the motion from ``start`` to ``end`` [s of its own time], within its limits."""
+        """Return the part of the motion from time ``start`` to time ``end`` [s]."""
         start, end, t = max(start, self.start), min(end, self.end), self.recorded.t
         return replace(self, start=start, end=end, recorded=self.recorded[(t >= start) & (t <= end)])
 
     def middle(self, share: float) -> Motion:
-        """Return this fraction of the motion, from its middle."""
+        """Return the middle part of the motion, with this fraction of its duration."""
         margin = (1 - share) / 2 * (self.end - self.start)
         return self.part(self.start + margin, self.end - margin)
 
     def changed(self, change: Affine) -> Motion:
-        """Return the motion after a change of its angles and torques, without preparing it again."""
+        """Return the motion after an affine map of its angles and torques, without smoothing it again."""
         Q, c, T, d = change
         recorded, x = self.recorded, self.impulse.x
         states = self.smoothed.c @ np.kron(np.eye(2), Q).T
@@ -102,7 +102,7 @@ class Motion:
         return np.moveaxis(self.smoothed(t, 1), -1, 0)
 
     def torques(self, start: Array, step: float, steps: int) -> Array:
-        """Return the mean torques [N m] over consecutive steps from each of the times ``start``, shape (2, K, L)."""
+        """Return the mean torques [N m] over K consecutive steps from each of L start times [s], shape (2, K, L)."""
         edges = start + step * np.arange(steps + 1)[:, None]
         return np.asarray(np.moveaxis(np.diff(self.impulse(edges), axis=0), -1, 0) / step)
 

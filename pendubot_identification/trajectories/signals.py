@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Uniform sampling and zero-phase differentiation: nothing later depends on logged velocities."""
+"""Uniform sampling, smoothing, and zero-phase differentiation, which replaces recorded velocities."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,19 +22,19 @@ class SignalSettings:
     """Sampling grids, smoothing, and the test for inconsistent timestamps."""
 
     jitter: float = 0.1  #: Stamps within this fraction of the interval from a uniform grid are moved onto it.
-    #: Smoothing windows [s]; below five samples: differences.
+    #: Smoothing windows [s]; windows below five samples give central differences.
     windows: tuple[float, ...] = (0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.1)
-    degree: int = 3  #: Of the polynomials of the Savitzky-Golay filter.
-    #: Timestamps are inconsistent if even ones make the motion smoother by more than this factor.
+    degree: int = 3  #: Polynomial degree of the Savitzky-Golay filter.
+    #: Timestamps are inconsistent if even timestamps make the motion smoother by more than this factor.
     rougher: float = 1.1
-    stretch: int = 7  #: Roughness is computed over stretches of so many samples ...
-    fewest: int = 50  #: ... of which there are at least so many.
+    stretch: int = 7  #: Number of samples in each stretch over which roughness is computed.
+    fewest: int = 50  #: Least number of stretches.
 
 
 SETTINGS = SignalSettings()
-#: A longer gap [s], also of more than five intervals, is not interpolated: the motion in it is unknown.
+#: A gap is not interpolated if it is longer than this [s] and than five intervals: the motion in it is unknown.
 LONGEST_GAP = 0.1
-#: The default differentiator's window [s], the span of the paper's central differences at 100 Hz. At higher rates, a
+#: Default window of the differentiator [s], the span of the paper's central differences at 100 Hz. At higher rates, a
 #: polynomial over this span averages the quantization of the encoders.
 SMOOTHING = 0.02
 
@@ -42,11 +42,11 @@ SMOOTHING = 0.02
 def resample(trajectory: Trajectory) -> Trajectory:
     """Return the trajectory, of at least two samples, on a uniform grid.
 
-    Stamps with little jitter are moved onto the grid and nothing else changes. Otherwise positions and velocities are
+    Stamps with little jitter are moved onto the grid, and all samples stay. Otherwise positions and velocities are
     interpolated by cubic splines, and torques by zero-order hold, as on the board.
 
     Raises:
-        TrajectoryError: samples too far apart, or a gap too long to be bridged.
+        TrajectoryError: samples are too far apart, or a gap is too long to interpolate.
     """
     t, step = trajectory.t, trajectory.interval
     gaps = np.diff(t)
@@ -68,10 +68,10 @@ def resample(trajectory: Trajectory) -> Trajectory:
 
 
 def evenly_stamped(trajectory: Trajectory) -> Trajectory:
-    """Return the trajectory with even stamps if its own are inconsistent with its motion; otherwise unchanged.
+    """Return the trajectory with even stamps if the recorded ones are inconsistent with the motion.
 
-    A board samples by its timer; the stamp may be given later, when the sample arrives. Stamps that also drift, as
-    where samples are missing, cannot be corrected and stay.
+    A board samples by its timer, but the stamp may be the arrival time. Stamps that also drift, for example where
+    samples are missing, are not corrected.
     """
     if not has_timestamp_jitter(trajectory):
         return trajectory
@@ -84,34 +84,34 @@ def evenly_stamped(trajectory: Trajectory) -> Trajectory:
 
 
 def has_timestamp_jitter(trajectory: Trajectory) -> bool:
-    """Return whether the motion is significantly smoother by even stamps than by its own."""
+    """Return whether the motion is significantly smoother with even stamps than with its own."""
     if len(trajectory) < SETTINGS.fewest * SETTINGS.stretch:
         return False
     with np.errstate(over='ignore'):
-        own, lasts = _roughness(trajectory.t, trajectory.q)
+        recorded, durations = _roughness(trajectory.t, trajectory.q)
         even, _ = _roughness(np.arange(len(trajectory), dtype=float), trajectory.q)
     # Skip rest and missing samples.
-    moving = (own > 0) & (even > 0) & (lasts < 1.5 * np.median(lasts))
-    own, even = own[moving], even[moving]
-    return bool(own.sum() > SETTINGS.rougher * even.sum() and np.median(own / even) > 1)
+    moving = (recorded > 0) & (even > 0) & (durations < 1.5 * np.median(durations))
+    recorded, even = recorded[moving], even[moving]
+    return bool(recorded.sum() > SETTINGS.rougher * even.sum() and np.median(recorded / even) > 1)
 
 
 def _roughness(t: Array, q: Array) -> tuple[Array, Array]:
-    """Return the residuals of cubic polynomials over stretches, as sums of squares [rad^2], and their durations."""
+    """Return the squared residuals [rad^2] of cubic polynomials over stretches of samples, and their durations."""
     count = len(t) // SETTINGS.stretch
     times = t[: count * SETTINGS.stretch].reshape(count, SETTINGS.stretch)
-    lasts = np.ptp(times, axis=1)
+    durations = np.ptp(times, axis=1)
     basis, _ = np.linalg.qr(
-        ((times - times[:, :1]) / lasts[:, None] - 0.5)[:, :, None] ** np.arange(SETTINGS.degree + 1)
+        ((times - times[:, :1]) / durations[:, None] - 0.5)[:, :, None] ** np.arange(SETTINGS.degree + 1)
     )
     parts = q[: count * SETTINGS.stretch].reshape(count, SETTINGS.stretch, 2)
-    return ((parts - basis @ (basis.transpose(0, 2, 1) @ parts)) ** 2).sum(axis=(1, 2)), lasts
+    return ((parts - basis @ (basis.transpose(0, 2, 1) @ parts)) ** 2).sum(axis=(1, 2)), durations
 
 
 def held(t: Array, at: Array) -> NDArray[np.intp]:
-    """Return, for each of the times ``at`` [s], the index of the sample at ``t`` whose torque is then applied.
+    """Return the index of the sample that holds the torque at each of the times ``at`` [s]; ``t``: sample times [s].
 
-    A time within the tolerance of jitter before a sample belongs to that sample.
+    A time before a sample, within the tolerance of jitter, belongs to that sample.
     """
     tolerance = SETTINGS.jitter * float(np.median(np.diff(t)))
     return np.maximum(np.searchsorted(t, at + tolerance, side='right') - 1, 0)
@@ -120,13 +120,13 @@ def held(t: Array, at: Array) -> NDArray[np.intp]:
 def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Array]:
     """Return positions and velocities from uniformly sampled positions, without phase shift.
 
-    ``interval`` [s] is of the samples, ``window`` [s] of the Savitzky-Golay filter. If it holds fewer than 5 samples,
-    positions stay and velocities are central differences. All arrays have shape (N, 2) [rad, rad/s].
+    ``interval`` [s] is the sampling interval, ``window`` [s] the width of the Savitzky-Golay filter. With fewer than 5
+    samples in it, positions are unchanged and velocities are central differences. Arrays: (N, 2) [rad, rad/s].
 
     Raises:
-        TrajectoryError: fewer samples than the window holds.
+        TrajectoryError: there are fewer samples than the window holds.
     """
-    # The first rounding removes the last bits of the interval.
+    # The first rounding removes the rounding error of the interval.
     length = 2 * round(round(min(window / interval, 2 * len(q)) / 2, 6)) + 1
     if length <= SETTINGS.degree + 1:
         return q, np.gradient(q, interval, axis=0)
@@ -143,12 +143,12 @@ def encoder_step(q: Array) -> Array:
         moved = moved[moved > 1e-9]
         if moved.size < 10:
             continue
-        # A fine encoder may always move by several counts from one sample to the next.
+        # With a fine encoder, every difference of two samples may be several counts.
         for step in moved.min() / np.arange(1, 9):
             few = moved[moved < 200 * step]
             counts = np.round(few / step)
-            # The distance of other numbers to the nearest multiple is uniform, with a standard deviation of 0.29; for
-            # ten of them it is sometimes below 0.1.
+            # Without quantization the distance to the nearest multiple is uniform, with a standard deviation of 0.29;
+            # for ten differences it is sometimes below 0.1.
             off = np.std(few / step - counts)
             if (few.size >= 10 and off < 1e-3) or (few.size >= 20 and off < 0.1):
                 steps[joint] = np.median(few / counts)
@@ -159,11 +159,11 @@ def encoder_step(q: Array) -> Array:
 def choose_smoothing(trajectories: Sequence[Trajectory]) -> float:
     """Return the widest window [s] that removes noise from the positions and keeps the motion.
 
-    The noise is an encoder's quantization, or the change by the narrowest window if that is more. A window that changes
-    the positions by 1.5 times the noise distorts the motion.
+    The noise is the quantization of the encoder, or the change by the narrowest window if that is larger. A window that
+    changes the positions by more than 1.5 times the noise distorts the motion.
 
     Raises:
-        TrajectoryError: samples too far apart, a gap, or fewer samples than the narrowest window holds.
+        TrajectoryError: samples are too far apart, have a gap, or are fewer than the narrowest window holds.
     """
     chosen = SETTINGS.windows[-1]
     for trajectory in trajectories:

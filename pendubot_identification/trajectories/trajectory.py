@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A recorded or simulated motion, and its origin as a result names it."""
+"""A recorded or simulated motion, and the description of its source in a result."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ class Trajectory:
     """Samples of one motion, in the order of time.
 
     Raises:
-        TrajectoryError: shapes that do not belong together, values that are not finite, stamps that repeat or
-            run backwards.
+        TrajectoryError: shapes disagree, a value is not finite, or stamps do not increase.
     """
 
     t: Array  #: time [s], shape (N,), strictly increasing.
@@ -51,9 +50,9 @@ class Trajectory:
         if wrong.size:
             k = int(wrong[0])
             step = self.t[k + 1] - self.t[k]
-            what = 'repeats' if step == 0 else f'runs backwards by {-step:.6g} s'
+            fault = 'repeats' if step == 0 else f'runs backwards by {-step:.6g} s'
             raise TrajectoryError(
-                f'{self.name}: the stamp of sample {k + 1} {what} ({wrong.size} such in {n} samples); stamps must '
+                f'{self.name}: the stamp of sample {k + 1} {fault} ({wrong.size} such in {n} samples); stamps must '
                 'increase: use the time at which the board sampled, or choose a window without the fault'
             )
 
@@ -62,7 +61,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last sample; 0 when there are fewer than two."""
+        """Time from the first to the last sample [s]; 0 for fewer than two samples."""
         return float(self.t[-1] - self.t[0]) if len(self.t) > 1 else 0.0
 
     @property
@@ -71,7 +70,7 @@ class Trajectory:
         return float(np.median(np.diff(self.t), overwrite_input=True))
 
     def window(self, start: float, end: float) -> Trajectory:
-        """Return the samples with start <= t - t[0] < end, in seconds from the first sample."""
+        """Return the samples with start <= t - t[0] < end [s]."""
         elapsed = self.t - self.t[0]
         return self[(elapsed >= start - 1e-9) & (elapsed < end - 1e-9)]
 
@@ -97,4 +96,4 @@ class Source:
     duration: float
     sha256: str
     closed: bool
-    taken_as: str = ''  #: the options that a file's own names and units stand for.
+    taken_as: str = ''  #: conversion options inferred from the names and units in the file.

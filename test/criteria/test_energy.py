@@ -89,7 +89,7 @@ def test_degrees_wrapped_angles_and_jumps_are_refused():
     for wrong, place in ((np.rad2deg(q), 'elbow turns at .* at'), (wrapped, r'shoulder turns at .* at 6\.0\d\d s')):
         with pytest.raises(
             TrajectoryError,
-            match=rf'the {place}.* in radians, unwrapped and without jumps, and its stamps true',
+            match=rf'the {place}.* in radians, unwrapped and without jumps, and its stamps correct',
         ):
             energy_regression(Trajectory(t, wrong, tau))
 

@@ -77,7 +77,7 @@ def test_with_a_mass_matrix_the_minimum_is_what_a_general_optimiser_finds_in_the
 def test_bounds_that_leave_no_mass_matrix_are_refused():
     J, _ = coupled(1, size=3)
     bounds = Bounds(np.array([0.0, 0.0, 0.5]), np.array([0.1, 0.1, 1.0]), PHYSICAL[:3])
-    with pytest.raises(ParameterError, match=r'P1 and P2 are at most 0\.1 and 0\.1, which leaves no place for P3'):
+    with pytest.raises(ParameterError, match=r'P1 and P2 are at most 0\.1 and 0\.1, which excludes P3'):
         J.minimum(bounds)
 
 

@@ -95,7 +95,7 @@ def test_good_recordings_have_no_fault_but_that_of_millinewtonmetres(rate, seed)
     assert diagnosed(motion, expected_link_length=PAPER.P3 / PAPER.P5) == ()
     (unit,) = diagnosed(replace(motion, tau=1000 * motion.tau))
     assert (unit.name, unit.level) == ('unit', Level.ERROR)
-    assert unit.found.endswith('the effort is as in mN m')
+    assert unit.found.endswith('the effort seems to be in mN m')
     for scale in (0.1, 10):
         assert diagnosed(replace(motion, tau=scale * motion.tau)) == ()
 

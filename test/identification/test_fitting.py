@@ -39,7 +39,7 @@ def test_an_exact_rig_ends_with_one_step_on_all_samples():
     answer, steps = fitted(recording(400, seed=2))
     assert answer.exact
     assert answer.model == 'viscous'
-    assert 'nothing but quantization is left' in steps
+    assert 'residual at the quantization level' in steps
     np.testing.assert_allclose(answer.theta[:7], PAPER.vector(), rtol=0.005)
     assert answer.filter_data.measurements == 399
 

@@ -250,7 +250,7 @@ def test_a_delay_is_named_unless_it_is_declared():
     assert declared.level is Level.OK
     assert declared.best.effort.delay == delay
     # Where the search ends before it, the parameters are of no use; that it ended follows.
-    assert any('the end of where it was searched' in said for said in beyond.best.consequences)
+    assert any('the end of its search interval' in said for said in beyond.best.consequences)
     assert (found.level, beyond.level) == (Level.WARN, Level.ERROR)
 
 
