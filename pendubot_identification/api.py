@@ -303,11 +303,11 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     if isinstance(recording, Trajectory):
         motion = conversion.motion(recording.t, recording.q, recording.tau, recording.qd, recording.name)
     elif isinstance(recording, Mapping):
-        t, q = np.asarray(recording['t'], dtype=float), np.asarray(recording['q'], dtype=float)
+        t, q, tau = (_numbers(name, recording[name]) for name in ARRAYS[:3])
+        qd = None if recording['qd'] is None else _numbers('qd', recording['qd'])
         if q.shape != (*t.shape, 2):
             raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
-        qd = None if recording['qd'] is None else np.asarray(recording['qd'], dtype=float)
-        motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, recording['tau']), qd, 'arrays')
+        motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, tau), qd, 'arrays')
     else:
         named = recording.reset_index() if recording.index.name else recording
         cells = [named.iloc[:, k] for k in range(named.shape[1])]
@@ -318,6 +318,17 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     # With an @ it would name a window of a file.
     window = BagWindow(Path(motion.name.replace('@', ' at ') + IN_MEMORY))
     return RecordedTrajectory(motion, window, hashlib.sha256(content).hexdigest(), True, note, taken_as)
+
+
+def _numbers(name: str, values: ArrayLike) -> Array:
+    """Return an argument as an array of numbers; dates and durations in seconds from the first."""
+    array = np.asarray(values)
+    if array.dtype.kind in 'mM':
+        array = (array - array[:1]) / np.timedelta64(1, 's')
+    try:
+        return array.astype(float)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f'{name} cannot be read: {error}; numbers are expected') from None
 
 
 def simulate(

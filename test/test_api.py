@@ -75,10 +75,12 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
     units = {'degrees': True, 'zero': 'hanging', 'torque_unit': 'mNm'}
     frame = pandas.DataFrame({'t': motion.t, 'theta1': degrees[:, 0], 'q2': degrees[:, 1], 'tau1': milli})
     columns = {'q1': 'theta1'}
+    dates = np.datetime64('2026-11-26') + np.rint(1e9 * motion.t).astype('timedelta64[ns]')
     np.testing.assert_allclose(read(frame, columns=columns, **units).q, motion.q, atol=1e-12)
     for again in (
         identify(motion, **FAST, progress=lambda what, done, of, best: seen.add(what)),
         identify(t=motion.t.tolist(), q=degrees.tolist(), tau=milli.tolist(), **units, **FAST),
+        identify(t=dates, q=motion.q, tau=motion.tau, **FAST),
         identify(frame, columns=columns, **units, **FAST),
         identify(frame.set_index('t'), columns=columns, **units, **FAST),
         identify(motion[:900], validate=motion[900:], **FAST),
@@ -384,6 +386,8 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: identify(SAMPLE, criterion='weka'), 'criterion is weka; one of energy, weak, likelihood'),
         (lambda: identify(t=[0.0], q=[[0.0, 0.0]]), 'tau is missing; t, q and tau are expected together'),
         (lambda: identify(t=[0.0, 1.0], q=[0.0, 0.0], tau=0.0), r't has shape \(2,\) and q \(2,\)'),
+        (lambda: identify(t=['a', 'b'], q=np.zeros((2, 2)), tau=0.0), 't cannot be read: could not convert string'),
+        (lambda: identify(Trajectory(np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2)))), '1 samples are too few'),
         (lambda: identify(SAMPLE, t=[0.0]), 'both recordings and arrays were given'),
         (lambda: Pendubot(1.0, 1.0, 5.0, 1.0, 1.0, 0.0, 0.0), 'no rig can have .* does not exceed P3'),
         (lambda: identify(SAMPLE, bounds={'P9': (0, 1)}), "no parameter 'P9'"),

@@ -158,7 +158,6 @@ def estimate_delay(
 class _TestFunctions:
     """Test functions that cover a motion, and the cells of time over which they are summed."""
 
-    origin: float  #: start of the motion [s].
     start: float  #: start of the first cell [s].
     step: float  #: duration of a cell [s].
     cells: int  #: number of cells.
@@ -181,7 +180,7 @@ class _TestFunctions:
             )
         x = (np.arange(under) + 0.5) / under * 2 - 1
         test_function = (1 - x**2) ** 3
-        return cls(motion.start, start, step, cells, test_function / (test_function.sum() * step), per_stride)
+        return cls(start, step, cells, test_function / (test_function.sum() * step), per_stride)
 
     def __len__(self) -> int:
         return (self.cells - len(self.weights)) // self.stride + 1

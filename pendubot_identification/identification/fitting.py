@@ -64,7 +64,6 @@ class FittingSettings:
         slow: six widths of the change of sign of dry friction [rad/s], within which short steps are needed.
         between: longest step of the exact fit [s] if, by the delay, the torque changes between samples, by more than a
             tenth of this: steps use the mean torque.
-        several: least number of recordings; with fewer, blocks of time are used instead.
         search: duration of the excerpt [s] in which faults, hold and effects are searched; all data confirm effects.
     """
 
@@ -81,7 +80,6 @@ class FittingSettings:
     fine: float = 0.0005
     slow: float = 0.3
     between: float = 0.001
-    several: int = 3
     search: float = 150.0
 
 

@@ -56,7 +56,7 @@ def load_datasets(bags: Sequence[str], validate: Sequence[str] = (), conversion:
 def divided(training: Sequence[RecordedTrajectory], validation: Sequence[RecordedTrajectory]) -> Datasets:
     """Return motions for training and validation, with sources and notes; a single one without a window is halved."""
     if not validation and len(training) == 1 and training[0].window == BagWindow(training[0].window.path):
-        whole, half = training[0], len(training[0].trajectory) // 2
+        whole, half = training[0], len(training[0].trajectory.require_samples()) // 2
         training = [replace(whole, trajectory=whole.trajectory[:half])]
         validation = [replace(whole, trajectory=whole.trajectory[half:])]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
