@@ -54,7 +54,7 @@ def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_
     rig,
 ):
     balancer = patient(rig)
-    balancer.wait_for('waiting: no parameters have come on pendubot/params')
+    balancer.wait_for('waiting: no parameters were received on pendubot/params')
     rig.publish(level=2, message='useless')
     balancer.wait_for('level ERROR (useless)')
     assert not rig.call('/balancer/start').success
@@ -74,7 +74,7 @@ def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_
     rig.start_board(seed=2)
     begin_and_hold(rig)
     rig.publish([*BALANCE.vector()[:2], 0.02, *BALANCE.vector()[3:]])
-    balancer.wait_for('stopped: no rig has the parameters that came')
+    balancer.wait_for('stopped: the parameters are unphysical')
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
 
 
