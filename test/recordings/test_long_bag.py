@@ -102,7 +102,7 @@ def test_without_an_informative_window_the_error_says_so(motion, tmp_path, capsy
     write_trajectory(tmp_path / 'holes', motion[motion.t % 9 > 0.5])
     assert main(['identify', str(tmp_path / 'holes')]) == 1
     said = ' '.join(capsys.readouterr().err.split())
-    assert 'no minute of it moves without a gap, a change or a disturbance; take windows of it, such as' in said
+    assert 'no minute of it has motion without a gap, a change or a disturbance; take windows of it, such as' in said
 
 
 def test_a_topic_that_ended_long_before_the_bag_has_its_own_duration(tmp_path):
