@@ -28,17 +28,17 @@ REMEDY = 'sudo apt install ros-$ROS_DISTRO-ros2-control ros-$ROS_DISTRO-ros2-con
 REMEDY += 'ros-$ROS_DISTRO-joint-state-topic-hardware-interface'
 
 
-def start(given):
+def start(args):
     """Return the programs of the rig without the exciter, and the programs of ros2_control."""
-    file = os.path.expanduser(given['controllers']) or str(resource('config/controllers.yaml'))
+    file = os.path.expanduser(args['controllers']) or str(resource('config/controllers.yaml'))
     if not os.path.isfile(file):
         raise ParameterError(
-            f'controllers is {given["controllers"]}, and there is no such file; name a parameter file of controllers'
+            f'controllers is {args["controllers"]}, and there is no such file; name a parameter file of controllers'
         )
     for package in PACKAGES:
         if not is_installed(package):
             raise ParameterError(f'{package} is not installed; {REMEDY}')
-    if not given['view']:
+    if not args['view']:
         raise ParameterError('view is false, and controller_manager needs the description of the rig; leave view out')
     element = resource('config/ros2_control.urdf.xacro').read_text()
     element = element[element.index('<ros2_control') : element.index('</robot>')]
@@ -46,11 +46,9 @@ def start(given):
     more = {'hardware': element, 'recorder': {'topics': ['joint_states', 'pendubot/joint_commands']}}
     manager = {'package': 'controller_manager', 'remedy': REMEDY}
     return [
-        *(program for program in RIG['start'](defaults | given | more) if program.name != 'exciter'),
+        *(program for program in RIG['start'](defaults | args | more) if program.name != 'exciter'),
         Program('ros2_control_node', (file,), **manager),
-        Program(
-            'spawner', arguments=('joint_state_broadcaster', *given['controller'], '--param-file', file), **manager
-        ),
+        Program('spawner', arguments=('joint_state_broadcaster', *args['controller'], '--param-file', file), **manager),
     ]
 
 

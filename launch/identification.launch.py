@@ -23,13 +23,13 @@ ARGUMENTS = {
 }
 
 
-def start(given):
+def start(args):
     """Return the identifier; it keeps running, so that later subscribers receive the parameters, too."""
-    for bag in filter(None, given['bags'] + given['validate']):
+    for bag in filter(None, args['bags'] + args['validate']):
         path = BagWindow.parse(bag).path
         if not path.exists():
             raise ParameterError(f'there is no bag {path}; give the folder of a bag, or a file with columns')
-    values = {name: given[name] for name in ARGUMENTS}
+    values = {name: args[name] for name in ARGUMENTS}
     return [Program('identifier', (str(resource('config/identifier.yaml')), values))]
 
 

@@ -21,13 +21,13 @@ ARGUMENTS = {
 }
 
 
-def start(given):
+def start(args):
     """Return the player, whose end at the end of the bag ends all programs, and the view."""
-    if not given['bag']:
+    if not args['bag']:
         raise ParameterError('bag is empty; give the folder of a bag: bag:=FOLDER')
-    BagReader(BagWindow.parse(given['bag']).path)  # refuses a bag that is missing
-    values = {'bag': given['bag'], 'rate': given['rate'], 'ghost': given['parameters']}
-    return [Program('player', (values,)), *VIEW['start'](given | {'ghost': given['parameters']})]
+    BagReader(BagWindow.parse(args['bag']).path)  # refuses a bag that is missing
+    values = {'bag': args['bag'], 'rate': args['rate'], 'ghost': args['parameters']}
+    return [Program('player', (values,)), *VIEW['start'](args | {'ghost': args['parameters']})]
 
 
 def generate_launch_description():

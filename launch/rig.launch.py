@@ -31,41 +31,41 @@ ARGUMENTS = {
 }
 
 
-def start(given):
+def start(args):
     """Return bridge, recorder, exciter and view; the exciter arms the motor only after the recorder records."""
 
     def file(name, argument):
-        path = os.path.expanduser(given[argument])
+        path = os.path.expanduser(args[argument])
         # The launch library would only warn, and start the program with its defaults.
         if path and not os.path.isfile(path):
             raise ParameterError(
-                f'{argument} is {given[argument]}, and there is no such file; name a parameter file of {name}'
+                f'{argument} is {args[argument]}, and there is no such file; name a parameter file of {name}'
             )
         if path:
-            refuse_untaken(path, f'{given["namespace"]}/{name}')
+            refuse_untaken(path, f'{args["namespace"]}/{name}')
         return path or str(resource(f'config/{name}.yaml'))
 
     # A virtual board does not use the port in the bridge's file, because that may belong to a rig.
-    port = given['port'] or ('/tmp/pendubot' if given['virtual'] else '')
-    link = {name: value for name, value in (('port', port), ('baud', given['baud'])) if value}
-    if given['virtual']:
+    port = args['port'] or ('/tmp/pendubot' if args['virtual'] else '')
+    link = {name: value for name, value in (('port', port), ('baud', args['baud'])) if value}
+    if args['virtual']:
         link['confirm_zeros'] = False  # the zeros of a virtual board are exact
-    waiting = {} if given['autostart'] else {'autostart': False}
-    recording = {'output': given['output'], **waiting, **given.get('recorder', {})}
+    waiting = {} if args['autostart'] else {'autostart': False}
+    recording = {'output': args['output'], **waiting, **args.get('recorder', {})}
     train = {
-        'duration': given['duration'],
-        'amplitude_min': -abs(given['amplitude']),
-        'amplitude_max': abs(given['amplitude']),
-        'seed': given['seed'],
+        'duration': args['duration'],
+        'amplitude_min': -abs(args['amplitude']),
+        'amplitude_max': abs(args['amplitude']),
+        'seed': args['seed'],
     }
-    patient = ('--patient',) if given.get('patient') else ()
-    moving = {'arm': given['arm'], 'recorded': True} | ({} if given['excitation'] else train)
+    patient = ('--patient',) if args.get('patient') else ()
+    moving = {'arm': args['arm'], 'recorded': True} | ({} if args['excitation'] else train)
     return [
-        *([Program('virtual_board', arguments=('--link', port, *patient))] if given['virtual'] else []),
+        *([Program('virtual_board', arguments=('--link', port, *patient))] if args['virtual'] else []),
         Program('bridge', (file('bridge', 'bridge'), link | waiting)),
         Program('recorder', (str(resource('config/recorder.yaml')), recording)),
         Program('exciter', (file('exciter', 'excitation'), moving)),
-        *VIEW['start'](given),
+        *VIEW['start'](args),
     ]
 
 

@@ -32,21 +32,21 @@ OPTIONAL = {
 }
 
 
-def start(given):
+def start(args):
     """Return the programs that publish /robot_description and /tf, and the viewers."""
 
     def shown(name, option, **fields):
         package = f'ros-$ROS_DISTRO-{name.replace("_", "-")}'
         return Program(name, package=name, remedy=f'sudo apt install {package}, or set {option}:=false', **fields)
 
-    if not given.get('view', True):
+    if not args.get('view', True):
         return []
-    urdf = drawn(given['l1'], given['l2'])
-    if given['parameters']:
-        urdf, _ = export(read_result(Path(given['parameters'])), 'urdf')
-    urdf = urdf.replace('</robot>', f'{given.get("hardware", "")}</robot>')
+    urdf = drawn(args['l1'], args['l2'])
+    if args['parameters']:
+        urdf, _ = export(read_result(Path(args['parameters'])), 'urdf')
+    urdf = urdf.replace('</robot>', f'{args.get("hardware", "")}</robot>')
     publishers = [shown('robot_state_publisher', 'view', parameters=({'robot_description': urdf},))]
-    if given.get('ghost'):
+    if args.get('ghost'):
         # The ghost has the same base but its own links; RViz shows it as a second robot.
         urdf = re.sub('"(link_.|tip)"', r'"ghost_\1"', urdf)
         topics = tuple((topic, f'ghost/{topic}') for topic in ('joint_states', 'robot_description'))
@@ -56,8 +56,8 @@ def start(given):
     plotjuggler = '--layout', str(resource('config/plotjuggler.xml'))
     return [
         *publishers,
-        *([shown('rviz2', 'rviz', arguments=rviz)] if given['rviz'] else []),
-        *([shown('plotjuggler', 'plotjuggler', arguments=plotjuggler)] if given['plotjuggler'] else []),
+        *([shown('rviz2', 'rviz', arguments=rviz)] if args['rviz'] else []),
+        *([shown('plotjuggler', 'plotjuggler', arguments=plotjuggler)] if args['plotjuggler'] else []),
     ]
 
 

@@ -17,9 +17,9 @@ ARGUMENTS = {
 }
 
 
-def start(given):
+def start(args):
     """Return the programs of the rig with a virtual board."""
-    return RIG['start'](given | {'virtual': True})
+    return RIG['start'](args | {'virtual': True})
 
 
 def generate_launch_description():

@@ -70,8 +70,8 @@ def parser() -> argparse.ArgumentParser:
 class _Parser(argparse.ArgumentParser):
     """A parser that keeps the line breaks of descriptions, and reports wrong usage in one line."""
 
-    def __init__(self, **how: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **how)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: error: {message}; see {self.prog} --help\n')
@@ -85,8 +85,8 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def _path(group: Any, name: str, metavar: str, help: str, **how: Any) -> None:
-    group.add_argument(name, type=Path, metavar=metavar, help=help, **how)
+def _path(group: Any, name: str, metavar: str, help: str, **options: Any) -> None:
+    group.add_argument(name, type=Path, metavar=metavar, help=help, **options)
 
 
 def _number(group: Any, name: str, default: float, metavar: str, help: str) -> None:

@@ -50,8 +50,8 @@ def linearise(parameters: Parameters) -> tuple[Array, Array]:
     Dry friction is omitted, because its slope at rest is too steep for a linear model of any finite motion.
     """
     viscous = replace(parameters, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0).vector()
-    q, rest = np.array([[math.pi / 2], [0.0]]), np.zeros((2, 1))
-    _, slopes = acceleration_derivatives(viscous, q, rest, rest)
+    q, zero = np.array([[math.pi / 2], [0.0]]), np.zeros((2, 1))
+    _, slopes = acceleration_derivatives(viscous, q, zero, zero)
     A = np.vstack([np.eye(2, 4, 2), slopes[:, :4, 0]])
     return A, np.vstack([np.zeros((2, 2)), np.linalg.inv(mass_matrix(parameters.vector(), q[:, 0]))])
 
@@ -138,18 +138,18 @@ def closed_loop(design: Design, delay: float | None = None, rig: Parameters | No
         Shapes (8 + N, 8 + N): the state is x, its estimate before the measurement, and the torques of N samples.
     """
     loop, delay = design.loop, design.loop.delay if delay is None else delay
-    Phi_own, own = _effects(rig or design.parameters, loop.period, delay, loop.period)
+    Phi_rig, actual = _effects(rig or design.parameters, loop.period, delay, loop.period)
     Phi, assumed = _effects(design.parameters, loop.period, loop.delay, loop.period)
     ahead, pending = _effects(design.parameters, loop.period, loop.delay, loop.delay)
-    past = max(map(len, (own, assumed, pending))) - 1
-    own, assumed, pending = (np.pad(each, ((0, past + 1 - len(each)), (0, 0))) for each in (own, assumed, pending))
+    past = max(map(len, (actual, assumed, pending))) - 1
+    actual, assumed, pending = (np.pad(m, ((0, past + 1 - len(m)), (0, 0))) for m in (actual, assumed, pending))
     state, estimate, torques = np.split(np.eye(8 + past), [4, 8])
     corrected = estimate + design.L @ _MEASURED @ (state - estimate)
     torque = -design.K @ (ahead @ corrected + pending[1:].T @ torques)
     torques = np.vstack([torque, torques])
-    fixed = np.vstack([Phi_own @ state, Phi @ corrected + assumed.T @ torques, torques[:past]])
+    fixed = np.vstack([Phi_rig @ state, Phi @ corrected + assumed.T @ torques, torques[:past]])
     moved = np.zeros_like(fixed)
-    moved[:4] = own.T @ torques
+    moved[:4] = actual.T @ torques
     return fixed, moved
 
 

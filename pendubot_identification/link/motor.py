@@ -299,15 +299,15 @@ class Motor:
     def _request(self, lock: int, now: int) -> None:
         if self.board is not None:
             self._lock = lock
-            own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
-            self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **own)
+            session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+            self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **session)
             self._sent[self._output.seq] = 0
             self._last_sent = self._last_torque_sent = now
 
     def _send(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
-        own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
-        self._output.send(Command, now, mode=mode, torque=torque, **own)
+        session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+        self._output.send(Command, now, mode=mode, torque=torque, **session)
         self._sent[self._output.seq] = torque
         if mode is Mode.TORQUE:
             self._last_torque_sent = now

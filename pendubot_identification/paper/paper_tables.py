@@ -126,9 +126,9 @@ def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
 
 def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
     """Return the order of MDE and each other algorithm by the averages of the paper and of this package."""
-    found = {(o.function, o.algorithm): o for o in outcomes}
+    by_name = {(o.function, o.algorithm): o for o in outcomes}
     many = len(outcomes[0].result.value)
-    pairs = [(found[f.name, 'MDE'], found[f.name, other]) for f in FUNCTIONS for other in ALGORITHMS[:-1]]
+    pairs = [(by_name[f.name, 'MDE'], by_name[f.name, other]) for f in FUNCTIONS for other in ALGORITHMS[:-1]]
     paper = [TABLE_4[o.function, o.algorithm][AVERAGE] / TABLE_4[o.function, 'MDE'][AVERAGE] for _, o in pairs]
     columns: dict[str, list[Any]] = {
         'function': [o.function for _, o in pairs],

@@ -68,7 +68,7 @@ FILES = [
     ({'bridge': {'port': '', 'seed': 1}}, 'bridge has no parameter seed'),
     # A file for all nodes may have parameters of other nodes.
     ({'/**': {'port': '', 'seed': 1, 'max_age': 0.1}}, 'port is empty'),
-    ({'recorder': {'output': 'swing'}}, 'it holds parameters of /recorder, and none of /bridge'),
+    ({'recorder': {'output': 'swing'}}, 'it contains parameters of /recorder, and none of /bridge'),
 ]
 
 
