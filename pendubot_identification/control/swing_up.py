@@ -25,7 +25,7 @@ from .estimator import RigState
 
 @dataclass(frozen=True, slots=True)
 class SwingUpSettings:
-    """Gains from a random search: rigs of several proportions swing up within 3 s, also with gains 30 % off."""
+    """Gains from a random search: several rigs swing up within 3 s, also if the parameters of link 2 are 30 % wrong."""
 
     pump: float = 0.8  #: Largest acceleration of link 1 that adds energy, over w^2; w = sqrt(P5 g / P2).
     stiffness: float = 0.28  #: Acceleration of link 1 towards upright per rad, over w^2.
