@@ -1,12 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Controllers of ros2_control on a rig, or with virtual:=true on a virtual board; a recorder beside them.
+"""Controllers of ros2_control on a rig, or with virtual:=true on a virtual board, and a recorder.
 
 ros2 launch pendubot_identification control.launch.py virtual:=true
 ros2 launch pendubot_identification control.launch.py bridge:=bridge.yaml controllers:=mine.yaml controller:=balancer
 
-The controllers move nothing before you call /bridge/arm.
+The rig moves only after you call /bridge/arm.
 """
 
 import os
@@ -19,7 +19,7 @@ RIG = launch_file('rig.launch.py')
 ARGUMENTS = {
     **{name: RIG['ARGUMENTS'][name] for name in ('virtual', 'bridge', 'port', 'baud', 'output')},
     'controllers': ('', 'parameter file of the controllers; empty: config/controllers.yaml of the package'),
-    'controller': (['effort_controller'], 'names of the controllers to start: one, or a list'),
+    'controller': (['effort_controller'], 'name of the controller to start, or a list of names'),
     **RIG['VIEW']['OPTIONAL'],
 }
 #: The packages of ros2_control.
@@ -28,17 +28,17 @@ REMEDY = 'sudo apt install ros-$ROS_DISTRO-ros2-control ros-$ROS_DISTRO-ros2-con
 REMEDY += 'ros-$ROS_DISTRO-joint-state-topic-hardware-interface'
 
 
-def start(given):
-    """Return the rig's programs without the exciter, and ros2_control's."""
-    file = os.path.expanduser(given['controllers']) or str(resource('config/controllers.yaml'))
+def start(args):
+    """Return the programs of the rig without the exciter, and the programs of ros2_control."""
+    file = os.path.expanduser(args['controllers']) or str(resource('config/controllers.yaml'))
     if not os.path.isfile(file):
         raise ParameterError(
-            f'controllers is {given["controllers"]}, and there is no such file; name a parameter file of controllers'
+            f'controllers is {args["controllers"]}, and there is no such file; name a parameter file of controllers'
         )
     for package in PACKAGES:
         if not is_installed(package):
             raise ParameterError(f'{package} is not installed; {REMEDY}')
-    if not given['view']:
+    if not args['view']:
         raise ParameterError('view is false, and controller_manager needs the description of the rig; leave view out')
     element = resource('config/ros2_control.urdf.xacro').read_text()
     element = element[element.index('<ros2_control') : element.index('</robot>')]
@@ -46,14 +46,12 @@ def start(given):
     more = {'hardware': element, 'recorder': {'topics': ['joint_states', 'pendubot/joint_commands']}}
     manager = {'package': 'controller_manager', 'remedy': REMEDY}
     return [
-        *(program for program in RIG['start'](defaults | given | more) if program.name != 'exciter'),
+        *(program for program in RIG['start'](defaults | args | more) if program.name != 'exciter'),
         Program('ros2_control_node', (file,), **manager),
-        Program(
-            'spawner', arguments=('joint_state_broadcaster', *given['controller'], '--param-file', file), **manager
-        ),
+        Program('spawner', arguments=('joint_state_broadcaster', *args['controller'], '--param-file', file), **manager),
     ]
 
 
 def generate_launch_description():
-    """Start everything, and end it when a program of this package ends."""
+    """Start all programs, and end them when a program of this package ends."""
     return described(ARGUMENTS, start)

@@ -16,59 +16,59 @@ from pendubot_identification.resources import resource
 
 VIEW = launch_file('view.launch.py')
 ARGUMENTS = {
-    'virtual': (False, 'true: start a virtual board and talk to it instead of a rig'),
-    'bridge': ('', "the bridge's parameter file, your copy of config/bridge.yaml; empty: the one of the package"),
-    'port': ('', "the board's serial port; empty: the parameter file's, or with virtual:=true a link in /tmp"),
-    'baud': (0, "baud rate of the port; 0: the parameter file's"),
+    'virtual': (False, 'true: start a virtual board and use it instead of a rig'),
+    'bridge': ('', 'parameter file of the bridge, your copy of config/bridge.yaml; empty: the file of the package'),
+    'port': ('', "the board's serial port; empty: from the parameter file, or with virtual:=true a link in /tmp"),
+    'baud': (0, 'baud rate of the port; 0: from the parameter file'),
     'output': ('', 'folder of the bag; empty: named after the time'),
     'arm': (False, 'true: the exciter arms the motor by itself, if the zeros are confirmed. Stand clear of the rig.'),
     'autostart': (True, 'false: bridge and recorder wait for ros2 lifecycle, or for a lifecycle manager'),
-    'excitation': ('', "the exciter's parameter file, as pendubot excite writes it; empty: the arguments that follow"),
+    'excitation': ('', 'parameter file of the exciter, from pendubot excite; empty: the following arguments'),
     'duration': (18.0, 'length of the excitation [s]'),
-    'amplitude': (1.0, 'torques are drawn within plus and minus this [N m]'),
-    'seed': (1, 'same seed, same torques'),
+    'amplitude': (1.0, 'largest absolute value of the random torques [N m]'),
+    'seed': (1, 'seed of the torques'),
     **VIEW['OPTIONAL'],
 }
 
 
-def start(given):
-    """Return bridge, recorder, exciter and view; the exciter arms nothing before the recorder is active and records."""
+def start(args):
+    """Return bridge, recorder, exciter and view; the exciter arms the motor only after the recorder records."""
 
     def file(name, argument):
-        path = os.path.expanduser(given[argument])
-        # The launch library would warn, and start the program on its defaults.
+        path = os.path.expanduser(args[argument])
+        # The launch library would only warn, and start the program with its defaults.
         if path and not os.path.isfile(path):
             raise ParameterError(
-                f'{argument} is {given[argument]}, and there is no such file; name a parameter file of {name}'
+                f'{argument} is {args[argument]}, and there is no such file; name a parameter file of {name}'
             )
         if path:
-            refuse_untaken(path, f'{given["namespace"]}/{name}')
+            refuse_untaken(path, f'{args["namespace"]}/{name}')
         return path or str(resource(f'config/{name}.yaml'))
 
-    # With a virtual board not the port in the bridge's file: there a rig may be.
-    port = given['port'] or ('/tmp/pendubot' if given['virtual'] else '')
-    link = {name: value for name, value in (('port', port), ('baud', given['baud'])) if value}
-    if given['virtual']:
-        link['confirm_zeros'] = False  # a virtual board starts where its zeros are
-    waiting = {} if given['autostart'] else {'autostart': False}
-    recording = {'output': given['output'], **waiting, **given.get('recorder', {})}
+    # A virtual board does not use the port in the bridge's file, because that may belong to a rig.
+    port = args['port'] or ('/tmp/pendubot' if args['virtual'] else '')
+    link = {name: value for name, value in (('port', port), ('baud', args['baud'])) if value}
+    if args['virtual']:
+        link['confirm_zeros'] = False  # the zeros of a virtual board are exact
+    waiting = {} if args['autostart'] else {'autostart': False}
+    recording = {'output': args['output'], **waiting, **args.get('recorder', {})}
     train = {
-        'duration': given['duration'],
-        'amplitude_min': -abs(given['amplitude']),
-        'amplitude_max': abs(given['amplitude']),
-        'seed': given['seed'],
+        'duration': args['duration'],
+        'amplitude_min': -abs(args['amplitude']),
+        'amplitude_max': abs(args['amplitude']),
+        'seed': args['seed'],
     }
-    patient = ('--patient',) if given.get('patient') else ()
-    moving = {'arm': given['arm'], 'recorded': True} | ({} if given['excitation'] else train)
+    patient = ('--patient',) if args.get('patient') else ()
+    moving = {'arm': args['arm'], 'recorded': True} | ({} if args['excitation'] else train)
     return [
-        *([Program('virtual_board', arguments=('--link', port, *patient))] if given['virtual'] else []),
+        *([Program('virtual_board', arguments=('--link', port, *patient))] if args['virtual'] else []),
         Program('bridge', (file('bridge', 'bridge'), link | waiting)),
         Program('recorder', (str(resource('config/recorder.yaml')), recording)),
         Program('exciter', (file('exciter', 'excitation'), moving)),
-        *VIEW['start'](given),
+        *VIEW['start'](args),
     ]
 
 
 def generate_launch_description():
-    """Start everything, and end it when the excitation is over or a program ends before."""
+    """Start all programs, and end them after the excitation or when a program ends earlier."""
     return described(ARGUMENTS, start)

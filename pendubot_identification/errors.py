@@ -1,17 +1,17 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a user can do wrong. Each message says what was found, what was expected and what to do."""
+"""The errors that a user can cause. Each message contains the finding, the expectation and the correction."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 
 class PendubotError(Exception):
-    """Base of every error that a user can cause; its text is one sentence for that user."""
+    """Base class of every error that a user can cause; its text is one sentence for that user."""
 
-    remedy: dict[str, str]  #: options of reading data that correct it, by name, where the program knows them.
-    for_shell: str  #: the sentence with options as on the command line; the text may name arguments of Python.
+    remedy: dict[str, str]  #: known data options that correct the error, by name.
+    for_shell: str  #: the sentence with command-line options; the text itself may name arguments of Python.
 
     def __init__(self, text: str = '', **remedy: str) -> None:
         super().__init__(text)
@@ -19,23 +19,23 @@ class PendubotError(Exception):
 
 
 class ParameterError(PendubotError):
-    """A setting, bound or parameter vector that makes no sense."""
+    """An invalid setting, bound or parameter vector."""
 
 
 class TrajectoryError(PendubotError):
-    """Samples that cannot be used: not finite, out of order, too few, a window that holds nothing."""
+    """Unusable samples: not finite, out of order, too few, or an empty window."""
 
 
 class LongRecordingError(TrajectoryError):
-    """A recording that is too long to be taken at once."""
+    """A recording that is too long for one identification."""
 
-    found: str  #: that and how long it is, as a part of a sentence.
-    window: str  #: what was to be read, BAG@START:END.
-    first: str  #: its beginning, as much as is usually enough, likewise.
+    found: str  #: clause with the duration of the recording.
+    window: str  #: the requested window, BAG@START:END.
+    first: str  #: a window of sufficient length at its beginning, in the same form.
 
     def __init__(self, found: str, window: str, first: str) -> None:
         bag = window.rpartition('@')[0] or window
-        super().__init__(f'{found}; take windows of it, such as {first}: pendubot track {bag} names good ones')
+        super().__init__(f'{found}; take windows of it, such as {first}: pendubot track {bag} lists informative ones')
         self.found, self.window, self.first = found, window, first
 
 
@@ -44,7 +44,7 @@ class ExcitationError(PendubotError):
 
 
 class BagError(PendubotError):
-    """A bag that is missing, unreadable, or lacks what is asked of it."""
+    """A bag that is missing or unreadable, or lacks the requested data."""
 
 
 class TableError(PendubotError):
@@ -56,7 +56,7 @@ class ResultError(PendubotError):
 
 
 class MissingFileError(BagError, TableError, ResultError, ParameterError, FileNotFoundError):
-    """A file or bag that is not there; it is also the error of whatever was expected there."""
+    """A missing file or bag; also an instance of the error classes of every kind of file."""
 
 
 class LinkError(PendubotError):
@@ -64,19 +64,19 @@ class LinkError(PendubotError):
 
 
 class ControlError(PendubotError):
-    """A rig that cannot be controlled as asked for."""
+    """A rig that cannot be controlled as requested."""
 
 
 class UsageError(PendubotError):
-    """Options or arguments that make no sense, alone or together; the exit status is 2."""
+    """Invalid options or arguments, alone or in combination; the exit status is 2."""
 
 
 @contextmanager
 def wrong_usage() -> Iterator[None]:
-    """Take each error that is raised within as one of usage: for where options are interpreted.
+    """Convert each PendubotError within the context, where options are interpreted, to a UsageError.
 
     Raises:
-        UsageError: with the same sentence.
+        UsageError: an error with the same sentence.
     """
     try:
         yield
@@ -85,11 +85,11 @@ def wrong_usage() -> Iterator[None]:
 
 
 def sentence(error: Exception) -> str:
-    """Return the sentence about an error for a user."""
+    """Return the message of an error for the user."""
     if isinstance(error, PendubotError):
         return error.for_shell or str(error)
     if isinstance(error, OSError):
         return f'the system refused: {error}; correct that and try again'
     if isinstance(error, MemoryError):
-        return f'not enough memory ({error}); ask for less'
+        return f'not enough memory ({error}); use less data'
     return f'{type(error).__name__}: {error}; run again with --debug to see where'

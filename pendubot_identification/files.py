@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reading YAML, hashing, and writing files completely or not at all, never over others unasked."""
+"""Reads YAML, hashes files, and writes files completely or not at all; overwrites existing ones only on request."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultEr
 
     Raises:
         MissingFileError: there is no such file.
-        PendubotError: it cannot be read, or is no YAML; as ``refusal``, whose sentence ends with ``expected``.
+        PendubotError: it cannot be read, or is no YAML; of class ``refusal``, with ``expected`` as its last clause.
     """
     import yaml
 
     try:
-        # Libyaml's, where it was built, takes a seventh of the time.
+        # The libyaml loader, if it is available, is seven times as fast.
         return yaml.load(path.read_text(encoding='utf-8'), Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
     except FileNotFoundError as error:
         raise MissingFileError(f'there is no file {path}; {expected}') from error
@@ -47,10 +47,10 @@ def content_hash(paths: Iterable[Path]) -> str:
 
 
 def yaml_text(document: Any) -> str:
-    """Return a document as YAML: lists of numbers in one line, and no anchors, which some readers do not know."""
+    """Return a document as YAML: lists of numbers in one line, and no anchors, which some readers do not support."""
     import yaml
 
-    # Libyaml's, where it was built, takes a fifth of the time.
+    # The libyaml dumper, if it is available, is five times as fast.
     fast: Any = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 
     class Dumper(fast):
@@ -65,10 +65,10 @@ def yaml_text(document: Any) -> str:
 
 
 def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Refuse a file that could not be written, before a long computation; ``force`` is the option to overwrite.
+    """Refuse an unwritable file before a long computation; ``force`` is the option to overwrite.
 
     Raises:
-        ResultError: the file exists already, or is a folder, or its folder is missing or cannot be written to.
+        ResultError: the file exists already, or is a folder, or its folder is missing or read-only.
     """
     with writing(path):
         if path.is_dir():
@@ -80,15 +80,15 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--fo
 
 
 def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
-    """Refuse to write over files, and those of bags' folders, that are read, with or without ``--force``.
+    """Refuse to overwrite an input file or a file of an input bag, with or without ``--force``.
 
     Raises:
-        ResultError: the output is one of these.
+        ResultError: the output is an input.
     """
-    for given in inputs:
-        if given is None or not os.path.exists(output):
+    for path in inputs:
+        if path is None or not os.path.exists(output):
             continue
-        for read in (given, *given.glob('*.mcap'), given / 'metadata.yaml'):
+        for read in (path, *path.glob('*.mcap'), path / 'metadata.yaml'):
             if os.path.exists(read) and os.path.samefile(read, output):
                 raise ResultError(f'{output} is read, so it cannot be written as well; give another name')
 
@@ -101,41 +101,41 @@ def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = Fals
 
 
 class OutputFolder:
-    """A folder for the files of one result: made, and found to be writable, before a long computation.
+    """A folder for the files of one result, created and checked before a long computation.
 
-    As a context it is removed at the end, with the folders above it that it had to make, if it is empty. With
-    ``overwrite``, files of the same names are replaced and others stay.
+    At the end of its context an empty folder is removed, with the created folders above it. With ``overwrite``, files
+    of the same names are replaced, and other files remain.
 
     Raises:
-        ResultError: it has files already, or the system refuses it.
+        ResultError: it is not empty, or cannot be written.
     """
 
     def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
-        self._made: list[Path] = []
+        self._created: list[Path] = []
         with writing(path):
             try:
-                self._made = [folder for folder in (path, *path.parents) if not folder.exists()]
+                self._created = [folder for folder in (path, *path.parents) if not folder.exists()]
                 path.mkdir(parents=True, exist_ok=True)
-                held = any(path.iterdir())
+                used = any(path.iterdir())
                 with tempfile.TemporaryFile(dir=path):
                     pass
             except OSError:
                 self.__exit__()
                 raise
-        if held and not overwrite:
+        if used and not overwrite:
             raise ResultError(f'{path} exists already and is not empty; choose another name or add --force')
 
     def __enter__(self) -> OutputFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with suppress(OSError):  # a folder with files stays
-            for folder in self._made:
+        with suppress(OSError):  # a folder with files remains
+            for folder in self._created:
                 folder.rmdir()
 
     def write(self, files: Mapping[str, str | bytes]) -> None:
-        """Write files by their names, which may have a folder in front, all of them or none. May raise ResultError."""
+        """Write all files or none, by names that may include a folder. May raise ResultError."""
         targets = {self.path / name: content for name, content in files.items()}
         for path in targets:
             with writing(path):
@@ -144,21 +144,21 @@ class OutputFolder:
 
 
 def _write_together(files: Mapping[Path, str | bytes]) -> None:
-    """Write all files or, where that fails, none: those that were there before stay as they are."""
-    beside = {path: path.with_name(path.name + '.partial') for path in files}
+    """Write all files or, after a failure, none, so that existing files are unchanged."""
+    partials = {path: path.with_name(path.name + '.partial') for path in files}
     try:
         for path, content in files.items():
-            # A file's name may be no text; as part of one, it is then escaped.
+            # The content may include a file name that is no valid text; it is escaped.
             data = content.encode(errors='backslashreplace') if isinstance(content, str) else content
             with writing(path):
                 if path.is_dir():
-                    raise ResultError(f'{path} is a folder, where a file is to be written; choose another name')
-                beside[path].write_bytes(data)
-        for path, partial in beside.items():
+                    raise ResultError(f'{path} is a folder, but a file is expected; choose another name')
+                partials[path].write_bytes(data)
+        for path, partial in partials.items():
             with writing(path):
                 os.replace(partial, path)
     finally:
-        for partial in beside.values():
+        for partial in partials.values():
             with suppress(OSError):
                 partial.unlink(missing_ok=True)
 
@@ -170,7 +170,7 @@ def _refuse_existing(path: Path, force: str) -> None:
 
 @contextmanager
 def writing(path: Path | str) -> Iterator[None]:
-    """Turn an error of the system into a ResultError that names the file."""
+    """Convert an OSError within the context to a ResultError that names the file."""
     try:
         yield
     except OSError as error:

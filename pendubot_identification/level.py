@@ -1,19 +1,19 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How bad it is: what results, the link and the recorder say of themselves."""
+"""The severity levels of results and diagnoses."""
 
 from dataclasses import dataclass
 from enum import IntEnum
 
-#: Half the width of a 95 % interval in standard errors.
+#: 95 % confidence interval half-width in standard errors.
 NORMAL_95 = 1.96
-#: A standard error above this fraction of the value leaves little of it.
+#: Relative standard error above which a parameter is poorly determined.
 POOR = 0.5
 
 
 class Level(IntEnum):
-    """How bad it is, with the numbers of diagnostic_msgs/DiagnosticStatus."""
+    """A severity level, with the numbers of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -22,7 +22,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What ``/diagnostics`` says of a program: a level, one or more sentences, and figures by name, as text."""
+    """The status of a program on ``/diagnostics``: a level, one or more sentences, and values as text by name."""
 
     level: Level
     message: str

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""ROS parameter files: for which nodes they hold parameters."""
+"""ROS parameter files: the nodes and parameters in them."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -14,7 +14,7 @@ from pendubot_identification.errors import ParameterError
 
 
 def addressed(content: Any, above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
-    """Return the nodes that a file's content names, namespace and wildcards included, each with its parameters."""
+    """Return the nodes in the content of a file, namespace and wildcards included, each with its parameters."""
     if isinstance(content, dict):
         for key, inner in content.items():
             if key == 'ros__parameters':
@@ -24,27 +24,27 @@ def addressed(content: Any, above: str = '') -> Iterator[tuple[str, dict[str, An
 
 
 def parameter_names(paths: Iterable[str | Path], ending: str = '') -> set[str]:
-    """Return the names of the parameters that files hold for nodes whose names end so."""
+    """Return the names of the parameters in files, for nodes whose names end with ``ending``."""
     nodes = (node for path in paths for node in addressed(_content(path)))
     return {name for node, parameters in nodes if node.endswith(ending) for name in parameters}
 
 
 def refuse_untaken(path: str, node: str) -> None:
-    """Refuse a parameter file that holds no parameter of a node: ROS would ignore it and use the defaults.
+    """Refuse a parameter file without parameters of a node, because ROS would ignore it and use the defaults.
 
     Args:
         path: the file.
         node: the node's fully qualified name, such as ``/lab1/bridge``.
 
     Raises:
-        ParameterError: ROS takes nothing from the file.
+        ParameterError: the file has no parameter of the node.
     """
     names = [name for name, parameters in addressed(_content(path)) if parameters]
     # rclpy uses the same regular expression: * is one part of a name, ** is any number of parts.
     if not any(re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) for name in names):
-        held = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
+        content = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
         raise ParameterError(
-            f'nothing is taken from {path}: it holds {held}, and none of {node}; name {node} in it, or '
+            f'{path} has no effect: it contains {content}, and none of {node}; name {node} in it, or '
             f'/**/{node.rpartition("/")[2]} for every namespace'
         )
 

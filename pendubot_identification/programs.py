@@ -1,11 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The installed programs: the nodes, which need ROS, and the command line. As a module it runs the named node."""
+"""The entry points of the nodes, which need ROS, and of the command line. As a module it runs the named node."""
 
 import os
 
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: for small matrices, more cost more than they give
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: more threads are slower for small matrices
 
 import importlib
 import io
@@ -18,7 +18,7 @@ from pendubot_identification.nodes.shutdown import at_signal
 
 def _start(name: str) -> int:
     """Run a node; return the exit status."""
-    # Importing takes a while, and nothing is open yet that would have to be closed.
+    # During the slow imports a signal may end the program at once, because nothing is open yet.
     at_signal(lambda: os._exit(0))
     try:
         node = importlib.import_module(f'pendubot_identification.nodes.{name}')
@@ -36,7 +36,7 @@ def _start(name: str) -> int:
 
 
 def _until_nobody_reads(main: Callable[[], int]) -> int:
-    """Return the exit status, 0 if the reader of the output leaves before its end, as ``head`` does."""
+    """Return the exit status; 0 if the reader of the output closes the pipe early, like ``head``."""
     if sys.stdout is None:  # closed by the parent process
         sys.stdout = io.StringIO()
     try:
@@ -45,7 +45,7 @@ def _until_nobody_reads(main: Callable[[], int]) -> int:
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
-        # Nothing is left to be flushed at exit, which would fail again.
+        # Replace stdout, because its flush at exit would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
 

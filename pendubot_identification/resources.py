@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where the package's config and bags lie, in every kind of install (colcon, colcon --symlink-install, pip, pip -e)."""
+"""Finds the package's config and bags in every kind of install (colcon, colcon --symlink-install, pip, pip -e)."""
 
 from pathlib import Path
 
@@ -13,11 +13,11 @@ NAME = 'pendubot_identification'
 def resource(relative: str) -> Path:
     """Return the path of a file or folder such as ``config/bridge.yaml`` or ``bags/paper_experiment``.
 
-    It is looked for beside the package (a source tree) and in ``share/pendubot_identification`` of every folder
-    above it (an install), relative to where the package itself was imported from.
+    The search covers the source tree of the imported package, and ``share/pendubot_identification`` in every folder
+    above the package (an install).
 
     Raises:
-        PendubotError: it is in none of these places.
+        PendubotError: the file is in none of these places.
     """
     package = Path(__file__).resolve().parent
     places = [package.parent] if (package.parent / 'package.xml').exists() else []

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One thing that a user can set, in a node or on the command line: declared once, with its range and its help."""
+"""A setting of a node and of the command line: declared once, with its range and its help text."""
 
 import difflib
 import math
@@ -17,11 +17,11 @@ class Setting:
     """Name, default (which gives the type), meaning, unit and range of one setting.
 
     Attributes:
-        dynamic: whether a node's parameter can be set after the start.
-        optional: whether it may be left open, which is None; in ROS, which has no None, it is the default.
-        length: how many values a list has; 0: any number.
-        distinct: whether the values of a list differ and none is empty.
-        read: how a text or a value of YAML becomes its value; by default, as the type of the default.
+        dynamic: whether a node's parameter can be changed after the start.
+        optional: whether None is allowed (left open); ROS has no None, so its default stands for it.
+        length: number of values of a list; 0: any number.
+        distinct: whether the values of a list have to be different and not empty.
+        read: conversion of a text or a YAML value; by default, to the type of the default.
     """
 
     name: str
@@ -38,16 +38,16 @@ class Setting:
     read: Callable[[Any], Any] | None = None
 
     def of_ros(self, value: Any) -> Any:
-        """Return the value of a ROS parameter: arrays as lists, and None where it is left open."""
+        """Return the value of a ROS parameter: arrays as lists, and None if it is left open."""
         if isinstance(value, Iterable) and not isinstance(value, str):
             value = list(value)
         return None if self.optional and value == self.default else value
 
     def check(self, value: Any) -> None:
-        """Refuse, with a reason, a value outside the range or the choices; of several, each is looked at.
+        """Check a value, and each entry of a list, against the range and the choices.
 
         Raises:
-            ParameterError: the value makes no sense.
+            ParameterError: the value is invalid.
         """
         if value is None and self.optional:
             return
@@ -63,7 +63,7 @@ class Setting:
                 raise self.refusal(entry)
 
     def parse(self, value: object) -> Any:
-        """Return a text, or a value of YAML, as the setting's own value. May raise ParameterError."""
+        """Return a text or a YAML value converted to the setting's type. May raise ParameterError."""
         if self.read is not None:
             return self.read(value)
         kind = type(self.default)
@@ -96,7 +96,7 @@ class Setting:
         return words + (f' {self.unit}' if self.unit else '')
 
     def help(self) -> str:
-        """Return the meaning with its unit."""
+        """Return the description with the unit."""
         return self.description + (f' [{self.unit}]' if self.unit else '')
 
 
@@ -112,10 +112,10 @@ def words(value: Any) -> list[str]:
 
 
 def interval(name: str, value: Any, example: str) -> tuple[float, float]:
-    """Return the ends of an interval, which is a text LOW:HIGH, a pair of numbers, or one number for both.
+    """Return the ends of an interval: a text LOW:HIGH, a pair of numbers, or one number for both ends.
 
     Raises:
-        ParameterError: it is none of these.
+        ParameterError: the value has another form.
     """
     ends = value.split(':') if isinstance(value, str) else value if isinstance(value, (list, tuple)) else [value]
     try:
@@ -128,6 +128,6 @@ def interval(name: str, value: Any, example: str) -> tuple[float, float]:
 
 
 def meant(name: str, known: Sequence[str]) -> str:
-    """Return the question whether a similar one of the known names is meant."""
+    """Return a question that suggests a similar known name."""
     near = difflib.get_close_matches(name, known, 1)
     return f'is {near[0]} meant' if near else 'which is meant'

@@ -143,8 +143,8 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
         ('control', {'controllers': '/no.yaml'}, None, 'controllers is /no.yaml, and there is no such file; name a'),
         ('control', {'view': 'false'}, None, 'controller_manager needs the description of the rig; leave view out'),
         ('rig', {}, 'exciter', 'exciter is not installed; build'),
-        ('virtual', {}, OTHERS[0], 'robot-state-publisher, or give view:=false'),
-        ('replay', {'rviz': 'true', 'bag': BAG}, OTHERS[1], 'ros-$ROS_DISTRO-rviz2, or give rviz:=false'),
+        ('virtual', {}, OTHERS[0], 'robot-state-publisher, or set view:=false'),
+        ('replay', {'rviz': 'true', 'bag': BAG}, OTHERS[1], 'ros-$ROS_DISTRO-rviz2, or set rviz:=false'),
     ],
 )  # fmt: skip
 def test_what_cannot_work_is_refused_before_anything_is_started(packages, name, arguments, missing, said):
@@ -169,9 +169,7 @@ def test_a_parameter_file_of_which_nothing_is_taken_is_refused(tmp_path, namespa
         assert str(file) in launch('rig', **given)[program].parameters
     for name in ('recorder', f'/lab2/{program}', *([program] if namespace else [])):
         file.write_text(yaml.safe_dump({name: {'ros__parameters': {'seed': 1}}}))
-        said = (
-            f'nothing is taken from {file}: it holds parameters of /{name.strip("/")}, and none of {node}; name {node}'
-        )
+        said = f'{file} has no effect: it contains parameters of /{name.strip("/")}, and none of {node}; name {node}'
         with pytest.raises(ParameterError, match=re.escape(f'{said} in it, or /**/{program} for')):
             launch('rig', **given)
 

@@ -37,9 +37,9 @@ def test_refuses_a_file_from_which_rclpy_takes_nothing(ros, tmp_path):
             if takes(ros, file, namespace):
                 refuse_untaken(str(file), node)
             else:
-                with pytest.raises(ParameterError, match=f'nothing is taken from {file}: it holds parameters of /'):
+                with pytest.raises(ParameterError, match=f'{file} has no effect: it contains parameters of /'):
                     refuse_untaken(str(file), node)
     for content in ('bridge: {ros__parameters: {}}', '{'):
         file.write_text(content)
-        with pytest.raises(ParameterError, match='it holds no parameters of any node, and none of'):
+        with pytest.raises(ParameterError, match='it contains no parameters of any node, and none of'):
             refuse_untaken(str(file), '/bridge')

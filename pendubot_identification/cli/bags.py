@@ -27,13 +27,11 @@ from .terminal import progress_bar
 
 
 def run_import(args: argparse.Namespace) -> int:
-    """Turn a motion from a file with columns into a bag, and describe it."""
+    """Convert a file with columns to a bag, and describe its content."""
     with wrong_usage():
         conversion = conversion_of(args)
     if not is_table(args.file):
-        raise UsageError(
-            f'{args.file} is no file with columns; one whose name ends in {", ".join(FORMATS)} is expected'
-        )
+        raise UsageError(f'{args.file} is no file with columns; a name that ends in {", ".join(FORMATS)} is expected')
     reader = TableReader(args.file, conversion)
     with progress_bar() as progress:
         progress(f'reading {args.file.name}', 0, 0, math.nan)
@@ -51,7 +49,7 @@ def run_simulate(args: argparse.Namespace) -> int:
     """Write a bag of the virtual rig, faster than real time."""
     if not 1 <= args.samples <= 10_000_000 or not 1 <= args.rate <= 100_000 or args.counts < 0:
         raise UsageError(
-            f'{args.samples} samples at {args.rate:g} Hz with {args.counts} counts per turn make no recording; 1 to '
+            f'{args.samples} samples at {args.rate:g} Hz with {args.counts} counts per turn are no recording; 1 to '
             '10000000 samples, a rate from 1 to 100000 Hz and counts of at least 0 are expected'
         )
     if args.excitation is not None:
@@ -69,7 +67,7 @@ def run_simulate(args: argparse.Namespace) -> int:
 
 def run_repair(args: argparse.Namespace) -> int:
     """Write a closed copy of a bag, and print the number of saved messages."""
-    # The absolute path has a name also if the given one ends with a slash.
+    # The absolute path has a name even if the given path ends with a slash.
     bag = args.bag.absolute()
     output = args.output or bag.parent / f'{bag.stem if bag.is_file() else bag.name}_repaired'
     files = repair(args.bag, output, overwrite=args.force)

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot demo``: the complete chain, live, on a virtual rig; the one subcommand that needs ROS.
+"""``pendubot demo``: runs the complete chain on a virtual rig; the only subcommand that needs ROS.
 
-``--balance`` then balances the rig by the identified parameters.
+``--balance`` then balances the rig with the identified parameters.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from pendubot_identification.report.plots import draw_balance
 from pendubot_identification.results.result_file import read_complete_result, read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-#: Variables that extend discovery beyond this computer, or join another domain.
+#: Environment variables that extend discovery beyond this computer, or join another domain.
 OUTWARD = (
     *('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER', 'ROS_SUPER_CLIENT', 'CYCLONEDDS_URI'),
     *('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE'),
 )
 #: Domains whose ports are free on every system, without the default domain 0.
 DOMAINS = range(1, 101)
-#: Programs in a domain are discovered within this time [s]: usually in 0.2 s, but if first announcements are lost, by
-#: the next, which Fast DDS sends every 3 s.
+#: Time for the discovery of the programs in a domain [s]: usually 0.2 s, but Fast DDS repeats a lost announcement only
+#: after 3 s.
 DISCOVERY = 4.0
-#: Domains that are tried.
+#: Number of domains that are tried.
 TRIES = 5
 #: Interval at which conditions are checked [s].
 POLL = 0.02
@@ -71,16 +71,16 @@ BALANCE_RIG = Rig(
     ('--preset', 'balance', '--delay', 0.004, '--torque-limit', LIMIT),
     {'amplitude_min': -LIMIT, 'amplitude_max': LIMIT},
 )
-#: For how long the rig is held, and the longest wait for the balancer [s].
+#: Duration of balancing, and the longest wait for the balancer [s].
 HOLD, PATIENCE = 10.0, 60.0
-#: The computer may pause for so long without ending a program [s]; the virtual rig waits.
+#: Longest pause of the computer that ends no program, while the virtual rig waits [s].
 PAUSE = 2.0
 
 
 def run_demo(args: argparse.Namespace) -> int:
     """Run one of the demonstrations in a new folder."""
     if args.output is not None and args.output.exists():
-        raise PendubotError(f'{args.output} exists already and was left as it is; name a folder that does not')
+        raise PendubotError(f'{args.output} exists already and was left as it is; name a new folder')
     folder = Path(tempfile.mkdtemp(prefix='pendubot-demo-')) if args.output is None else args.output.absolute()
     OutputFolder(folder)
     demonstrate, rig = (_balance, BALANCE_RIG) if args.balance else (_identify, PAPER_RIG)
@@ -93,12 +93,12 @@ def run_demo(args: argparse.Namespace) -> int:
 
 @contextmanager
 def _interruptible(folder: Path) -> Iterator[None]:
-    """Treat SIGTERM like Ctrl-C, and name the folder with the recording."""
+    """Treat SIGTERM like Ctrl-C, and print the folder with the recording."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     except KeyboardInterrupt:
-        print(f'what was recorded so far is kept in {folder}', file=sys.stderr)
+        print(f'the recordings so far are kept in {folder}', file=sys.stderr)
         raise
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -106,13 +106,13 @@ def _interruptible(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def own_ros() -> Iterator[tuple[Any, int]]:
-    """Initialise ROS on this computer alone, in a random empty domain; yield rclpy and the number of the domain.
+    """Initialise ROS on this computer only, in a random empty domain; yield rclpy and the number of the domain.
 
-    Domain and discovery range of the environment are not used, because a rig may be there. Programs that are started
-    within the context are in the same domain.
+    Domain and discovery range of the environment are not used, because they may reach a rig. Programs that start within
+    the context use the same domain.
 
     Raises:
-        PendubotError: there is no ROS, or other programs are in every domain that was tried.
+        PendubotError: ROS is missing, or other programs are in every domain that was tried.
     """
     exported = os.environ.get('ROS_DOMAIN_ID', '').strip()
     tried = random.sample([each for each in DOMAINS if str(each) != exported], TRIES)
@@ -132,7 +132,7 @@ def own_ros() -> Iterator[tuple[Any, int]]:
             os.environ['ROS_DOMAIN_ID'] = str(domain)
             # Without its signal handlers, which would end ROS before the programs are ended.
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-            # The node stays, so that another demo finds this domain taken.
+            # The node remains, so that another demo does not use this domain.
             node, deadline, alone = rclpy.create_node('demo'), time.monotonic() + DISCOVERY, True
             while alone and time.monotonic() < deadline:
                 time.sleep(POLL)
@@ -142,8 +142,8 @@ def own_ros() -> Iterator[tuple[Any, int]]:
                 return
             rclpy.shutdown()
         raise PendubotError(
-            f'other ROS programs are in each of the domains {", ".join(map(str, tried))}, and the demo arms only in '
-            'one of its own; nothing was armed; end those programs, or try again'
+            f'other ROS programs are in each of the domains {", ".join(map(str, tried))}, and the demo arms only in an '
+            'empty domain; nothing was armed; end those programs, or try again'
         )
     finally:
         rclpy.try_shutdown()
@@ -169,7 +169,7 @@ def _identify(rclpy: Any, folder: Path) -> None:
 
 
 def _balance(rclpy: Any, folder: Path) -> None:
-    """Record, identify, swing up and hold the rig by the published parameters, and draw that."""
+    """Record, identify, swing up and balance the rig with the published parameters, and draw the motion."""
     bag, written, picture = folder / 'excitation', folder / 'result.yaml', folder / 'balance.png'
     _twice(lambda: _record(bag, BALANCE_RIG))
     with Programs(folder) as programs:
@@ -191,7 +191,7 @@ def _balance(rclpy: Any, folder: Path) -> None:
 
 
 def _balanced(rclpy: Any, folder: Path) -> Observer:
-    """Swing up and hold a rig at rest by the parameters that are published; return the observer of that."""
+    """Swing up and balance a rig from rest with the published parameters; return the observer of the motion."""
     observer = Observer(rclpy)
 
     def ended() -> bool:
@@ -207,7 +207,7 @@ def _balanced(rclpy: Any, folder: Path) -> Observer:
         programs.wait(balancer, answer.done, 'did not answer')
         if not answer.result().success:
             raise PendubotError(f'the balancer did not start: {answer.result().message}')
-        print('the balancer knows the rig through /pendubot/params alone; it swings it up', flush=True)
+        print('the balancer uses only the parameters on /pendubot/params; it swings the rig up', flush=True)
         programs.wait(balancer, ended, 'did not hold it', PATIENCE)
     if observer.balancer_message.startswith('stopped'):
         raise PendubotError(f'the balancer stopped: {observer.balancer_message.removeprefix("stopped: ")}')
@@ -215,7 +215,7 @@ def _balanced(rclpy: Any, folder: Path) -> Observer:
 
 
 def _twice(attempt: Callable[[], Any]) -> Any:
-    """Return the result of an attempt or, if it fails, as on a computer that pauses, of an announced second one."""
+    """Return the result of a first or, if it fails, for example on a computer that pauses, a second attempt."""
     try:
         return attempt()
     except PendubotError as error:
@@ -224,7 +224,7 @@ def _twice(attempt: Callable[[], Any]) -> Any:
 
 
 def _start_rig(programs: Programs, folder: Path, rig: Rig) -> None:
-    """Start a virtual board and a bridge, which outlast a pause."""
+    """Start a virtual board and a bridge that tolerate a pause of the computer."""
     port = folder / 'board'
     board = programs.start('virtual_board', '--patient', '--link', port, '--rate', rig.rate, *rig.board)
     programs.wait(board, port.exists, 'opened no port')
@@ -232,7 +232,7 @@ def _start_rig(programs: Programs, folder: Path, rig: Rig) -> None:
 
 
 def _record(bag: Path, rig: Rig) -> None:
-    """Record an excited rig, in place of an earlier recording.
+    """Record an excited rig, and replace an earlier recording.
 
     Raises:
         PendubotError: a program ended early, or the bag was not complete in time.
@@ -249,9 +249,9 @@ def _record(bag: Path, rig: Rig) -> None:
 
 
 def _start_identifier(programs: Programs, bag: Path, written: Path, **others: object) -> Program:
-    """Start the identifier, which stays, and wait until it has written a result."""
+    """Start the identifier, which keeps running, and wait for its result file."""
     begin = time.monotonic()
-    # The bridge holds its torques; the search of the hold would take some seconds more.
+    # The bridge holds its torques, so the selection of the hold, which takes some seconds, is unnecessary.
     identifier = programs.start('identifier', bags=f"['{bag}']", output=written, hold='zero', **others)
     programs.wait(identifier, written.exists, 'wrote no result', 120.0)
     print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included', flush=True)
@@ -259,7 +259,7 @@ def _start_identifier(programs: Programs, bag: Path, written: Path, **others: ob
 
 
 class Program(subprocess.Popen[bytes]):
-    """A program in a process of its own, with its output in a file."""
+    """A program in a separate process, with its output in a file."""
 
     def __init__(self, folder: Path, name: str, arguments: list[str]) -> None:
         self.name, self.log = name, folder / f'{name}.log'
@@ -269,8 +269,8 @@ class Program(subprocess.Popen[bytes]):
 
     def failure(self, reason: str) -> PendubotError:
         """Return an error with the reason and the last line of the output."""
-        last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it said nothing']
-        return PendubotError(f'{self.name} {reason}: {last[0]}; look into {self.log}')
+        last = self.log.read_text(errors='replace').strip().splitlines()[-1:] or ['it had no output']
+        return PendubotError(f'{self.name} {reason}: {last[0]}; see {self.log}')
 
     def end(self) -> None:
         """Interrupt it, and kill it after 10 s."""
@@ -283,9 +283,9 @@ class Program(subprocess.Popen[bytes]):
 
 
 class Programs(ExitStack):
-    """Programs that run until the end of the context, with their output in a folder; the last one is ended first.
+    """Programs that run until the end of the context, with their output in a folder; they end in reverse order.
 
-    ``meanwhile`` is called again and again during :meth:`wait`.
+    :meth:`wait` calls ``meanwhile`` repeatedly.
     """
 
     def __init__(self, folder: Path, meanwhile: Callable[[], object] = lambda: time.sleep(POLL)) -> None:
@@ -295,17 +295,17 @@ class Programs(ExitStack):
 
     def start(self, name: str, *arguments: object, **parameters: object) -> Program:
         """Start a program of this package with arguments and, if it is a node, parameters."""
-        given = [word for key, value in parameters.items() for word in ('-p', f'{key}:={value}')]
-        program = Program(self._folder, name, [*map(str, arguments), *(['--ros-args'] if given else []), *given])
+        settings = [word for key, value in parameters.items() for word in ('-p', f'{key}:={value}')]
+        program = Program(self._folder, name, [*map(str, arguments), *(['--ros-args'] if settings else []), *settings])
         self.callback(program.end)
         self._running.append(program)
         return program
 
     def wait(self, program: Program, condition: Callable[[], bool], otherwise: str, timeout: float = 20.0) -> None:
-        """Wait until a program has brought about a condition.
+        """Wait for a condition that a program has to fulfil.
 
         Raises:
-            PendubotError: it takes longer than ``timeout`` [s], or a program has ended early.
+            PendubotError: the wait takes longer than ``timeout`` [s], or a program has ended early.
         """
         deadline = time.monotonic() + timeout
         while not condition():
@@ -318,12 +318,12 @@ class Programs(ExitStack):
 
 
 class Observer:
-    """A node that follows rig, parameters and balancer by their topics.
+    """A node that subscribes to the topics of rig, parameters and balancer.
 
     Attributes:
-        samples: each t [s], q1, q2 [rad], torque [N m].
-        held: for how long the rig has been upright [s].
-        parameters: names of the last parameters; empty before there are any.
+        samples: samples (t [s], q1, q2 [rad], torque [N m]).
+        held: time for which the rig has been upright [s].
+        parameters: names of the last parameters; empty before the first message.
         balancer_message, balancer_values: the last status of the balancer.
         starter: the client of the balancer's ``~/start``.
     """
@@ -347,7 +347,7 @@ class Observer:
         self.starter = self._node.create_client(Trigger, '/balancer/start')
 
     def spin(self) -> None:
-        """Handle the next message, or wait for a moment."""
+        """Handle the next message, or wait for :data:`POLL`."""
         self._rclpy.spin_once(self._node, timeout_sec=POLL)
 
     def _on_sample(self, message: Any) -> None:

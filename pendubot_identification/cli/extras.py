@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The subcommands that need a package of their own: completion and studio."""
+"""The subcommands that need an optional package: completion and studio."""
 
 import argparse
 import re
@@ -13,11 +13,11 @@ from .arguments import parser
 
 
 def run_completion(args: argparse.Namespace) -> int:
-    """Print a script with which a shell completes subcommands, options and names of files."""
+    """Print a shell script for the completion of subcommands, options and file names."""
     try:
         import shtab
     except ImportError as error:
-        raise PendubotError('completion is made by shtab, which is not installed: pip install shtab') from error
+        raise PendubotError('completion needs shtab, which is not installed: pip install shtab') from error
     top = parser()
     subparsers = next(a for a in top._actions if isinstance(a, argparse._SubParsersAction))
     choices = {'criterion': CRITERION.choices, 'command': [*subparsers.choices]}
@@ -30,7 +30,7 @@ def run_completion(args: argparse.Namespace) -> int:
 
 
 def run_studio(args: argparse.Namespace) -> int:
-    """Serve the guided way in a browser until a signal."""
+    """Serve the studio to a browser until a signal."""
     try:
         from pendubot_identification.studio.server import serve
     except ImportError as error:

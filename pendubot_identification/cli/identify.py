@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot identify``: parameters from recordings."""
+"""``pendubot identify``: estimates parameters from recordings."""
 
 import argparse
 import json
@@ -44,7 +44,7 @@ from .terminal import brief, progress_bar
 
 
 def run_identify(args: argparse.Namespace) -> int:
-    """Identify, print, write."""
+    """Identify a rig, and print and write the result."""
     with wrong_usage():
         options = given_options(args, (*OPTIONS, APPLY_REMEDIES, *CONVERSION))
         start, apply_remedies = options.get('start'), options.pop('apply_remedies', False)
@@ -55,7 +55,7 @@ def run_identify(args: argparse.Namespace) -> int:
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
     if args.check:
         if outputs or args.report:
-            raise UsageError('--check fits nothing, so that nothing can be written; leave one of the two out')
+            raise UsageError('--check estimates no parameters, so nothing can be written; leave one of the two out')
         return _check(args, settings)
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
         refuse_input(target, [*bags, start and Path(start), args.settings])
@@ -79,7 +79,7 @@ def run_identify(args: argparse.Namespace) -> int:
                     page = write_report(folder, result, motions, None, (), progress, static=args.figures)
                     outputs.append(page)
         finally:
-            # Also if they cannot be written. Last, because a closed pipe ends the program.
+            # Printed also if the files cannot be written; and last, because a closed pipe ends the program.
             print(json.dumps(plain(result), indent=2) if args.json else _shown(args, result))
     if not args.json:
         for path in outputs:
@@ -88,11 +88,11 @@ def run_identify(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace, settings: Settings) -> int:
-    """Print what the checks of the recordings find."""
-    found = check_recordings(partial(load_datasets, args.bags, args.validate), settings)
-    text = '\n'.join(f'{each.level.name:5} {each.check:11} {each.sentence}' for each in found)
-    print(json.dumps([each.plain() for each in found], indent=2) if args.json else text)
-    return _status(args, max(each.level for each in found))
+    """Print the results of the checks of the recordings."""
+    checks = check_recordings(partial(load_datasets, args.bags, args.validate), settings)
+    text = '\n'.join(f'{each.level.name:5} {each.check:11} {each.sentence}' for each in checks)
+    print(json.dumps([each.plain() for each in checks], indent=2) if args.json else text)
+    return _status(args, max(each.level for each in checks))
 
 
 def _status(args: argparse.Namespace, level: Level) -> int:
@@ -109,12 +109,12 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
     options = {name: value for name, value in given.items() if name != 'start'}
     settings = settings_of(options, bounds_of(args.bounds))
     if settings.optimizer == 'lsq' and (unused := [option.name for option in MDE if option.name in options]):
-        raise UsageError(f'{unused[0]} is of MDE, and --optimizer lsq does without; leave one of the two out')
+        raise UsageError(f'{unused[0]} belongs to MDE, and --optimizer lsq ignores it; leave one of the two out')
     # With energy alone, a delay would only hide the warning of inconsistent timestamps.
     for name, users in {'delay': ('weak', 'likelihood'), 'start': ('likelihood',)}.items():
         if name in given and not set(users) & set(settings.criteria):
             raise UsageError(
-                f'--{name} is of {" and ".join(users)}, and --criterion {",".join(settings.criteria)} does without; '
+                f'--{name} belongs to {" and ".join(users)}, and --criterion {",".join(settings.criteria)} ignores it; '
                 'leave one of the two out'
             )
     for name in (text.partition('=')[0] for text in args.bounds):
@@ -122,15 +122,15 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
         having = [model for model, size in MODELS.items() if k < size]
         if settings.model not in ('auto', *having):
             raise UsageError(
-                f'--bounds {name} is of a parameter that --model {settings.model} does not have; leave it out, or take '
+                f'--bounds {name}: --model {settings.model} does not have this parameter; leave it out, or choose '
                 f'--model {having[0]}'
             )
-        # Without a model, one in which this parameter is 0 may be chosen.
+        # The automatic selection may choose a model in which this parameter is 0.
         low, high = settings.bounds.lower[k], settings.bounds.upper[k]
         if settings.model == 'auto' and having[0] != 'viscous' and not low <= 0 <= high:
             raise UsageError(
                 f'--bounds {name} excludes 0, its value in smaller models, which --model auto may choose; add --model '
-                f'{having[0]}, or a larger one'
+                f'{having[0]}, or a larger model'
             )
     return settings
 
@@ -153,22 +153,22 @@ def _with_windows(error: LongRecordingError, conversion: Conversion, progress: P
     try:
         _, track = track_recordings(Start(), [BagWindow.parse(error.window)], conversion, progress)
     except PendubotError:
-        return error  # its windows are refused with the reason
+        return error  # the identification of its windows reports the reason
     if not track.windows:
         return TrajectoryError(
-            f'{error.found}, and no minute of it moves without a gap, a change or a disturbance; take windows of it, '
-            f'such as {error.first}'
+            f'{error.found}, and no minute of it has motion without a gap, a change or a disturbance; take windows of '
+            f'it, such as {error.first}'
         )
     return TrajectoryError(
-        f'{error.found}; take windows of it, such as these of most motion between two changes: pendubot identify '
+        f'{error.found}; take windows of it, such as these with the most motion between two changes: pendubot identify '
         f'{shlex.join(track.windows)}'
     )
 
 
 def _shown(args: argparse.Namespace, result: Result) -> str:
-    """Return the text for a person; in brief, with the option that keeps the result unless one is given."""
+    """Return the text of a result; without --verbose, a brief text and a hint if the result is not written."""
     if args.verbose:
         return summary(result)
     files = sum(target is not None for target in (args.output, args.save_settings, args.report))
-    keep = [] if args.output or args.report else ['kept nowhere: add --output RESULT.yaml, or --report DIR for figures']
+    keep = [] if args.output or args.report else ['not saved: add --output RESULT.yaml, or --report DIR for figures']
     return '\n'.join([brief(result, files + len(keep)), *keep])

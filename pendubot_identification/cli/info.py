@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot info``: the content of a recording."""
+"""``pendubot info``: describes the content of a recording."""
 
 import argparse
 import json
@@ -22,8 +22,8 @@ def run_info(args: argparse.Namespace) -> int:
     with wrong_usage():
         conversion = conversion_of(args)
     if is_table(args.bag):
-        found = survey_table(TableReader(args.bag, conversion))
-        print(json.dumps(found, indent=2) if args.json else f'{args.bag}: {as_text(found)}')
+        table = survey_table(TableReader(args.bag, conversion))
+        print(json.dumps(table, indent=2) if args.json else f'{args.bag}: {as_text(table)}')
         return 0
     bag = BagReader(args.bag)
     topics = survey_bag(bag)
@@ -54,14 +54,14 @@ def _as_text(summary: dict[str, Any]) -> str:
     ]
     width = max((len(topic['name']) for topic in summary['topics']), default=0)
     for t in summary['topics']:
-        turned = t['stamped'] and (t['repeated'] or t['backwards'])
+        disordered = t['stamped'] and (t['repeated'] or t['backwards'])
         ms = {name: 1e3 * (t[name] or 0.0) for name in ('jitter', 'longest', 'latency', 'latency_max')}
         lines.append(f'  {t["name"]:{width}} {t["messages"]:8d} messages {t["rate"]:9.2f} Hz  {t["type"]}')
         details = {
             f'jitter {ms["jitter"]:.3f} ms, longest interval {ms["longest"]:.3f} ms': t['period'] is not None,
             f'gaps {t["gaps"]}, {t["missing"]} messages, first after {t["first_gap"] or 0:.3f} s': t['gaps'],
             f'latency {ms["latency"]:.3f} ms, at most {ms["latency_max"]:.3f} ms': t['latency'] is not None,
-            f'stamps {t["repeated"]} repeat, {t["backwards"]} run back': turned,
+            f'stamps {t["repeated"]} repeat, {t["backwards"]} run back': disordered,
             f'lost {t["lost"]} messages that the recorder had numbered': t['lost'],
         }
         lines += [f'  {"":{width}} {line}' for line, shown in details.items() if shown]

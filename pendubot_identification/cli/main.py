@@ -14,7 +14,7 @@ from pendubot_identification.errors import UsageError, sentence
 
 from .arguments import parser
 
-#: Modules of the subcommands that have another name; each has a function run_SUBCOMMAND.
+#: Modules of the subcommands whose module has another name; each has a function run_SUBCOMMAND.
 MODULES = dict.fromkeys(('import', 'simulate', 'repair'), '.bags')
 MODULES |= dict.fromkeys(('report', 'compare', 'export'), '.results')
 MODULES |= {'completion': '.extras', 'studio': '.extras', 'reproduce': 'pendubot_identification.paper.reproduction'}
@@ -23,7 +23,7 @@ MODULES |= {'completion': '.extras', 'studio': '.extras', 'reproduce': 'pendubot
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status."""
     for stream in (sys.stdout, sys.stderr):
-        # Results of minutes are not lost if a terminal or pipe lacks a character such as ±.
+        # A terminal or pipe without a character such as ± must not abort after minutes of computation.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
     args, unknown = parser().parse_known_args(argv)
@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print('pendubot: interrupted', file=sys.stderr)
         return 1
     except BrokenPipeError:
-        raise  # the reader of the output has seen enough, which is no failure
+        raise  # the reader of the output closed the pipe, which is no failure
     except Exception as error:
         if args.debug:
             traceback.print_exc()

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The values of the options by which recordings are read, from the command line and files of settings."""
+"""The values of the options for the conversion of recordings, from the command line and settings files."""
 
 import argparse
 from collections.abc import Iterable
@@ -20,15 +20,15 @@ def given_options(args: argparse.Namespace, options: Iterable[Setting]) -> dict[
     """Return the values of options by name, from the command line or else the file of ``--settings``.
 
     Raises:
-        ParameterError: the file cannot be read, or names something else than options.
+        ParameterError: the file cannot be read, or contains unknown options.
     """
-    found = {} if args.settings is None else _read_settings(args.settings)
-    found |= {name: value for name, value in vars(args).items() if value is not None}
-    return {option.name: found[option.name] for option in options if option.name in found}
+    values = {} if args.settings is None else _read_settings(args.settings)
+    values |= {name: value for name, value in vars(args).items() if value is not None}
+    return {option.name: values[option.name] for option in options if option.name in values}
 
 
 def conversion_of(args: argparse.Namespace) -> Conversion:
-    """Return the conversion of recordings that the options ask for.
+    """Return the conversion of recordings according to the options.
 
     Raises:
         ParameterError: an option is invalid, or the file of ``--settings`` cannot be read.
@@ -37,13 +37,13 @@ def conversion_of(args: argparse.Namespace) -> Conversion:
 
 
 def _read_settings(path: Path) -> dict[str, Any]:
-    """Return the options that a YAML file names; of a result, those by which its recordings were read."""
-    found = read_yaml(path, 'name a file of --save-settings', ParameterError)
-    if isinstance(found, dict) and 'schema' in found:
-        found = found.get('reading', {})
-    if not isinstance(found, dict):
-        raise ParameterError(f'{path} names no options; lines such as "degrees: true" are expected')
-    named = {str(name).replace('-', '_'): value for name, value in found.items()}
+    """Return the options in a YAML file; from a result, the options of its conversion of recordings."""
+    content = read_yaml(path, 'name a file of --save-settings', ParameterError)
+    if isinstance(content, dict) and 'schema' in content:
+        content = content.get('reading', {})
+    if not isinstance(content, dict):
+        raise ParameterError(f'{path} has no options; lines such as "degrees: true" are expected')
+    named = {str(name).replace('-', '_'): value for name, value in content.items()}
     known = [option.name for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION)]
     if unknown := [name for name in named if name not in known]:
         raise ParameterError(f'{path}: there is no option {unknown[0]!r}; the options are {", ".join(known)}')

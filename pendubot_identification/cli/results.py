@@ -25,7 +25,7 @@ from .terminal import progress_bar
 
 
 def run_report(args: argparse.Namespace) -> int:
-    """Make a page with figures from a result and its bags."""
+    """Write a page with figures from a result and its bags."""
     from pendubot_identification.report.page import write_report  # imports matplotlib
 
     result = read_complete_result(args.result)
@@ -50,17 +50,17 @@ def run_report(args: argparse.Namespace) -> int:
 
 
 def run_compare(args: argparse.Namespace) -> int:
-    """Print results side by side, and their predictions of a motion."""
-    again = [path for path in args.results if args.results.count(path) > 1]
-    if again or len(args.results) < 2:
-        problem = f'{again[0]} is named twice' if again else f'{args.results[0]} is one result alone'
-        raise UsageError(f'{problem}; name two or more that differ')
+    """Print a comparison of results, and of their predictions of a motion."""
+    repeated = [path for path in args.results if args.results.count(path) > 1]
+    if repeated or len(args.results) < 2:
+        problem = f'{repeated[0]} is named twice' if repeated else f'{args.results[0]} is the only result'
+        raise UsageError(f'{problem}; name two or more different results')
     with wrong_usage():
         conversion = conversion_of(args)
         windows = [] if args.on is None else windows_of([args.on], conversion)
     results = {str(path): read_result(path) for path in args.results}
-    found = compare(results, *(read_trajectory(window, conversion) for window in windows))
-    print(json.dumps(found, indent=2) if args.json else comparison(found))
+    compared = compare(results, *(read_trajectory(window, conversion) for window in windows))
+    print(json.dumps(compared, indent=2) if args.json else comparison(compared))
     return 0
 
 
@@ -69,18 +69,18 @@ def run_export(args: argparse.Namespace) -> int:
     result = read_result(args.result)
     name = args.format or (SUFFIXES.get(args.output.suffix) if args.output is not None else None)
     if name is None:
-        given = 'no format was given' if args.output is None else f'{args.output} has no suffix that names a format'
-        raise UsageError(f'{given}; add --format with one of {", ".join(FORMATS)}, or end on {", ".join(SUFFIXES)}')
+        problem = 'no format was given' if args.output is None else f'{args.output} has no suffix that names a format'
+        raise UsageError(f'{problem}; add --format with one of {", ".join(FORMATS)}, or end on {", ".join(SUFFIXES)}')
     users = {'link_length': ROBOTS, 'torque_limit': ROBOTS, 'revolute': ('urdf',)}
     for option, formats in users.items():
         if getattr(args, option) not in (None, False) and name not in formats:
-            raise UsageError(f'{flag(option)} is of {", ".join(formats)}, and {name} does without; leave it out')
+            raise UsageError(f'{flag(option)} belongs to {", ".join(formats)}, and {name} ignores it; leave it out')
     with wrong_usage():
         require_limit(args.torque_limit)
     if args.output is not None:
         refuse_input(args.output, [args.result])
     if problems := result.unphysical():
-        # Parameters by hand get the warnings that an identification would give.
+        # Parameters by hand get the same warnings as identified parameters.
         result = replace(result, level=Level.ERROR, warnings=list(dict.fromkeys([*result.warnings, *problems])))
     text, remarks = export(result, name, args.link_length, args.torque_limit, revolute=args.revolute)
     if result.level:

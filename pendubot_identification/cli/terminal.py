@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The terminal: its width, a progress bar, and the short text of a result."""
+"""Output on a terminal: its width, a progress bar, and the brief text of a result."""
 
 import math
 import shutil
@@ -15,15 +15,15 @@ from pendubot_identification.identification.estimate import Progress
 from pendubot_identification.report.tables import own_warnings, parameter_table, remarks
 from pendubot_identification.results.result import Result
 
-#: Widest text that is easy to read, in columns; most lines of a short text, including those about files.
+#: Largest readable width of text [columns]; largest number of lines of a brief text, including lines about files.
 WIDEST, LINES = 120, 30
-#: The bar of a step whose end is known, and of another one.
+#: Formats of the progress bar for a step with a known end, and with an unknown end.
 LAYOUT = '{desc} {bar:20} {n_fmt}/{total_fmt}{postfix} [{elapsed}, {remaining} left]'
 ENDLESS = '{desc} {n_fmt}{postfix} [{elapsed}]'
 
 
 def columns() -> int:
-    """Return the number of columns for text, also in a pipe or a file."""
+    """Return the width of text [columns], also for a pipe or a file."""
     return max(20, min(shutil.get_terminal_size((WIDEST, 24)).columns, WIDEST))
 
 
@@ -33,23 +33,23 @@ def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
     with tqdm(desc='preparing', disable=True if hidden else None, leave=False, bar_format=ENDLESS) as bar:
         step = ''
 
-        def progress(what: str, done: int, of: int, best: float) -> None:
+        def progress(name: str, done: int, of: int, best: float) -> None:
             nonlocal step
             if bar.disable:
                 return
             bar.set_postfix_str('' if math.isnan(best) else f'J = {best:.4e}', refresh=False)
-            if what != step:
-                step = what
+            if name != step:
+                step = name
                 bar.bar_format = LAYOUT if of else ENDLESS
-                bar.set_description_str(what, refresh=False)
-                bar.reset(of or None)  # the remaining time is that of this step
+                bar.set_description_str(name, refresh=False)
+                bar.reset(of or None)  # the remaining time refers to this step
             bar.update(done - bar.n)
 
         yield progress
 
 
 def brief(result: Result, files: int) -> str:
-    """Return at most :data:`LINES` lines, less ``files``; the last line counts the remarks that are left out."""
+    """Return a result in at most :data:`LINES` - ``files`` lines; the last line counts the omitted remarks."""
     head = [*_sources(result), '', *_parameters(result), '', *_prediction(result), '']
     design = ['pendubot excite --design proposes a more informative motion'] if result.advice else []
     shown = [*remarks(result), *(f'to do: {sentence}' for sentence in (*result.advice, *design))]
@@ -57,7 +57,7 @@ def brief(result: Result, files: int) -> str:
     left_out = len(own_warnings(result))
     for remark in shown:
         paragraph = textwrap.wrap(remark, columns(), subsequent_indent='  ', break_on_hyphens=False)
-        # The first remark is always shown, and one line is kept for the last line.
+        # The first remark is always shown, and one line is reserved for the last line.
         if lines and len(lines) + len(paragraph) >= room:
             left_out += 1
         else:
@@ -67,7 +67,7 @@ def brief(result: Result, files: int) -> str:
 
 
 def _sources(result: Result) -> list[str]:
-    """Return a line for training, one for validation, and the options for which names and units of files stand."""
+    """Return lines on the training data, the validation data, and the options of their conversion."""
     lines = []
     for role in dict.fromkeys(bag.role for bag in result.bags):
         bags = [bag for bag in result.bags if bag.role == role]
@@ -85,8 +85,8 @@ def _parameters(result: Result) -> list[str]:
 
 
 def _prediction(result: Result) -> list[str]:
-    found = result.prediction
-    errors = [f'{e:.3f} after {h:g} s' for h, e in zip(found.horizons, found.error, strict=True) if e is not None]
+    p = result.prediction
+    errors = [f'{e:.3f} after {h:g} s' for h, e in zip(p.horizons, p.error, strict=True) if e is not None]
     if not errors:
-        return ['no data are left for a prediction: the prediction errors are not known']
+        return ['no data remain for a prediction: the prediction errors are unknown']
     return textwrap.wrap(f'prediction errors in standard deviations of the state: {", ".join(errors)}', columns())

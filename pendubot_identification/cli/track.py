@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot track``: a rig followed through recordings of any length."""
+"""``pendubot track``: tracks the parameters of a rig through recordings of any length."""
 
 import argparse
 import json
@@ -22,12 +22,12 @@ from pendubot_identification.tracking.tracker import Tracker
 from .options import conversion_of
 from .terminal import progress_bar
 
-#: Number of changes that are printed.
+#: Largest number of printed changes.
 SHOWN = 20
 
 
 def run_track(args: argparse.Namespace) -> int:
-    """Track, print, write."""
+    """Track the parameters of a rig, and print and write the result."""
     with wrong_usage():
         conversion = conversion_of(args)
         windows = windows_of(args.bags, conversion)
@@ -41,7 +41,7 @@ def run_track(args: argparse.Namespace) -> int:
             start = start_of(args.start, args.model)
             tracker, track = track_recordings(start, windows, conversion, progress)
         if tracker.state is None and not track.states:
-            raise ExcitationError(f'{", ".join(args.bags)}: no parameters were found: {tracker.reason}')
+            raise ExcitationError(f'{", ".join(args.bags)}: no parameters were identified: {tracker.reason}')
         last, written = tracker.state or track.states[-1], []
         result = tracked_result(tracker, track, args.bags) if tracker.state is not None else None
         text = '' if result is None else result_text(result)
@@ -53,12 +53,12 @@ def run_track(args: argparse.Namespace) -> int:
             if folder is not None:
                 from pendubot_identification.report.page import write_track  # imports matplotlib
 
-                # Of many states some are dropped, perhaps the newest.
+                # Long tracks are thinned, so the newest state may be missing.
                 states = track.states if track.states[-1] is last else [*track.states, last]
                 shown = (states, track.events), table, happened, args.bags, text
                 written.append(write_track(folder, *shown, static=args.figures))
         finally:
-            # Also if they cannot be written, after hours of recordings.
+            # Printed also if the files cannot be written, because the computation may be long.
             if args.json:
                 print(json.dumps({'reason': tracker.reason} if result is None else plain(result), indent=2))
             else:
@@ -71,7 +71,7 @@ def run_track(args: argparse.Namespace) -> int:
 
 
 def _table(last: State, track: Track) -> Table:
-    """Return the last parameters with their intervals, beside the first after the settling of the tracker."""
+    """Return the last parameters with their intervals, beside the first parameters after the tracker has settled."""
     first = next((state for state in track.states if state.t > track.states[0].t + BETWEEN), last)
     rows = [
         [name, f'{value:.4g}', f'{NORMAL_95 * error:.2g}', unit, f'{before:.4g}']
@@ -88,17 +88,17 @@ def _table(last: State, track: Track) -> Table:
 
 
 def _events(tracker: Tracker, track: Track) -> list[str]:
-    """Return the changes, notes and informative windows, a sentence each."""
+    """Return a sentence for each change and note, and for the informative windows."""
     changes = [str(event) for event in track.events if not isinstance(event, Disturbance)]
     disturbances = len(track.events) - len(changes)
     happened = changes[:SHOWN] or ['no change']
     if len(changes) > SHOWN:
-        happened.append(f'and {len(changes) - SHOWN} changes more')
+        happened.append(f'and {len(changes) - SHOWN} more changes')
     if disturbances:
         happened.append(f'{disturbances} disturbances, such as pushes by hand: their motion was not used')
     happened += [f'{note}, {times} times' for note, times in tracker.notes.items()] + track.notes
     if tracker.reason:
-        happened.append(f'at the end nothing is followed: {tracker.reason}')
+        happened.append(f'no parameters are tracked at the end: {tracker.reason}')
     if track.windows:
         happened.append(f'informative windows: {" ".join(track.windows)}')
     return happened

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The balancer without ROS: parameters and samples in; out, the torque that swings the rig up and balances it.
+"""The balancer without ROS: computes the torque that swings the rig up and balances it, from parameters and samples.
 
-``readiness`` collects the inputs, ``plan`` makes a design and tries it in simulation, ``balancing`` decides
-when to begin and stop, and ``controller`` computes each torque by ``linear_control`` and ``swing_up``, from the state
-that ``estimator`` follows; ``sign_check`` watches. Only nodes and the command line import it.
+``readiness`` collects the inputs, ``plan`` computes and simulates a design, and ``balancing`` decides when to start and
+stop. ``controller`` computes each torque by ``linear_control`` and ``swing_up`` from the state of ``estimator``;
+``sign_check`` detects wrong wiring. Only nodes and the command line import this package.
 """

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The balancer's decisions, without ROS: when to prepare, begin and stop. It never begins again on its own.
+"""The balancer's state machine, without ROS: when to design, start and stop. It never restarts by itself.
 
 At a fault a method raises ControlError; the caller then calls :meth:`Balancing.stop` and disarms.
 """
@@ -21,14 +21,14 @@ from .linear_control import Loop
 from .plan import Plan, deviation
 from .readiness import Readiness
 
-#: The bridge has to answer within this [s] whether it is armed.
+#: Longest wait for the bridge's answer to the arming request [s].
 PATIENCE = 3.0
-#: A rig held within this of upright [rad] is balanced without a swing-up.
+#: Largest deviation from upright [rad] at which a rig is balanced without a swing-up.
 NEAR = 0.3
 
 
 class Phase(Enum):
-    """Whether the motor is armed."""
+    """Arming state of the motor."""
 
     IDLE = 'idle'
     ARMING = 'arming'
@@ -36,13 +36,13 @@ class Phase(Enum):
 
 
 class Balancing:
-    """Asks for a plan as soon as parameters and samples have come; moves the rig from :meth:`armed` to :meth:`stop`.
+    """Requests a plan after the first parameters and samples, and moves the rig from :meth:`armed` to :meth:`stop`.
 
     Attributes:
         readiness: the parameters, their quality, and the loop; it defines ``limit`` [N m] and ``motor_delay`` [s].
-        plan: by which it begins or moves, None before there is one. While idle, it was simulated.
-        obstacle: why it cannot begin; empty if it can.
-        stopped: why it stopped last; empty before the first stop, and after a requested one.
+        plan: the plan of the present or next motion, None before the first. While idle, it is a simulated plan.
+        obstacle: reason why no motion can start; empty if there is none.
+        stopped: reason of the last stop; empty before the first stop, and after a requested stop.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None, bounds: SafetyLimits | None = None) -> None:
@@ -73,12 +73,12 @@ class Balancing:
         if wanted == self._refused or (plan is not None and wanted == (plan.design.parameters, plan.design.loop)):
             return None
         if self.phase is not Phase.IDLE and plan is not None:
-            # While it moves, the loop stays as it is.
+            # The loop is constant during a motion.
             return None if wanted[0] == plan.design.parameters else (wanted[0], plan.design.loop)
         return wanted
 
     def prepared(self, plan: Plan) -> None:
-        """Take a plan: now, or at the next sample of a motion. Without simulation, it is only for the motion."""
+        """Use a plan now or, during a motion, from the next sample on. An idle balancer needs a simulated plan."""
         self._refused, self.obstacle = None, ''
         if self.phase is not Phase.IDLE:
             self._coming = plan
@@ -86,17 +86,17 @@ class Balancing:
             self.plan = plan
 
     def not_prepared(self, wanted: tuple[Parameters, Loop], reason: str) -> None:
-        """Note why there is no plan for these parameters and this loop."""
+        """Store the reason why there is no plan for these parameters and this loop."""
         self._refused, self.obstacle = wanted, reason
         if self.phase is Phase.IDLE:
             self.plan = None
 
     def begin(self) -> None:
-        """Begin to arm, or raise ControlError: not prepared, or neither near upright nor able to swing up."""
+        """Start arming; raise ControlError without a plan, or far from upright if the swing-up is impossible."""
         if self.phase is not Phase.IDLE:
             raise ControlError(f'it is {self.phase.value} already')
         if self.plan is None or self._q is None:
-            raise ControlError(self.obstacle or 'it is preparing itself; try again in a moment')
+            raise ControlError(self.obstacle or 'the controller is being designed; try again in a moment')
         near = float(deviation(np.array([self._q]))[0]) < NEAR
         if not near and self.plan.swing_up == math.inf:
             raise ControlError(f'{self.plan.obstacle()}; hold it upright and start again to balance only')
@@ -105,28 +105,28 @@ class Balancing:
         self.phase, self.stopped, self._arming_since = Phase.ARMING, '', None
 
     def armed(self) -> None:
-        """Move from the next sample on: the bridge is armed."""
+        """Start the motion at the next sample, after the bridge was armed."""
         assert self.plan is not None, 'begin() comes first'
         self._controller = Controller(self.plan.design, self._bounds)
         self._coming, self._upright_since = None, None
         self.phase = Phase.RUNNING
 
     def stop(self, reason: str = '') -> None:
-        """Be idle from now on; ``reason`` names the fault, if there is one."""
+        """Stop the motion; ``reason`` is the fault, if there is one."""
         self.phase, self.stopped, self._controller = Phase.IDLE, reason, None
-        # Plans made while it moved were not simulated: make them again.
+        # Plans from during the motion were not simulated: request them again.
         self._coming = self._refused = None
         if self.plan is not None and not self.plan.simulated:
             self.plan = None
 
     def sample(self, t: float, now: float, q: Pair, effort: float) -> float | None:
-        """Take a sample: times of sampling and arrival [s], positions [rad], torque applied from it on [N m].
+        """Process a sample: sampling time and arrival [s], positions [rad], torque from this sample on [N m].
 
         Returns:
             The torque to command [N m], None while idle.
 
         Raises:
-            ControlError: it has to be stopped.
+            ControlError: the motion has to stop.
         """
         self.silence(now)
         self.readiness.sample(t)
@@ -138,11 +138,11 @@ class Balancing:
             if t - self._arming_since > PATIENCE:
                 raise ControlError(f'the bridge did not answer within {PATIENCE:g} s whether it is armed; start again')
             return 0.0
-        # One from the future is as bad: where this clock stands still or was set back, none would ever be old.
+        # Also not in the future: with a stopped or reset clock no sample would ever be old.
         if not abs(now - t) <= self._bounds.gap:
             raise ControlError(
-                f'a sample is {now - t:.3f} s old; at most {self._bounds.gap:g} s either way are allowed: look at the '
-                'clocks and at use_sim_time'
+                f'a sample is {now - t:.3f} s old; at most {self._bounds.gap:g} s either way are allowed: check the '
+                'clocks and use_sim_time'
             )
         if self._coming is not None:
             self.plan, self._coming = self._coming, None
@@ -153,9 +153,9 @@ class Balancing:
         return torque
 
     def silence(self, now: float) -> None:
-        """Raise ControlError if no sample has come for the longest gap; to be called several times in that."""
+        """Raise ControlError if the last sample is older than the longest gap; call it several times per gap."""
         if self.phase is Phase.RUNNING and now - self._heard > self._bounds.gap:
-            raise ControlError(f'no sample for {now - self._heard:.3f} s: look at the bridge, or this machine paused')
+            raise ControlError(f'no sample for {now - self._heard:.3f} s: check the bridge, or this machine paused')
 
     def diagnosis(self) -> tuple[Level, str, dict[str, str]]:
         """Return a level, a sentence, and figures by name."""
@@ -179,6 +179,6 @@ class Balancing:
         if self.stopped:
             return Level.ERROR, f'stopped: {self.stopped}', values
         if self.phase is Phase.IDLE:
-            waiting = self.obstacle or ('' if self.plan else 'it is preparing itself')
+            waiting = self.obstacle or ('' if self.plan else 'the controller is being designed')
             return (Level.WARN, f'waiting: {waiting}', values) if waiting else (Level.OK, 'ready', values)
         return Level.OK, values['mode'] if self._controller else self.phase.value, values

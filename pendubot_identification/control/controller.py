@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The controller: a sample in, a torque out. It swings the rig up, balances it, and stops at its safety limits.
+"""The controller: computes a torque from each sample. It swings the rig up, balances it, and has safety limits.
 
-It stops by raising ControlError; its caller then commands zero torque and disarms.
+At a violated limit it raises ControlError; its caller then commands zero torque and disarms.
 """
 
 import math
@@ -24,14 +24,14 @@ UPRIGHT = math.pi / 2
 
 @dataclass(frozen=True, slots=True)
 class ControllerSettings:
-    """When balancing begins and ends, and how parameters are exchanged."""
+    """Conditions of the switch between swing-up and balancing, and the bumpless transfer to new parameters."""
 
-    reach: float = 0.8  #: With a link farther than this from upright [rad], balancing does not begin, and ends.
-    catch_torque: float = 0.9  #: Balancing begins if a simulation with this fraction of the torque limit ...
-    catch_angle: float = 0.15  #: ... brings both angles within this [rad] ...
-    catch_time: float = 0.5  #: ... in this time [s] ...
-    catch_step: float = 0.005  #: ... by steps of this length [s].
-    bumpless: float = 0.1  #: The jump of the torque at new parameters fades with this time constant [s].
+    reach: float = 0.8  #: Largest deviation of a link from upright while balancing [rad].
+    catch_torque: float = 0.9  #: Fraction of the torque limit in the simulation before the switch to balancing.
+    catch_angle: float = 0.15  #: Largest deviation of both angles at the end of that simulation [rad].
+    catch_time: float = 0.5  #: Duration of that simulation [s].
+    catch_step: float = 0.005  #: Step of that simulation [s].
+    bumpless: float = 0.1  #: Time constant with which the torque's jump at new parameters decays [s].
 
 
 SETTINGS = ControllerSettings()
@@ -46,17 +46,17 @@ class ControlMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """Where the controller stops."""
+    """Limits at which the controller stops."""
 
-    shoulder: float = 6.0  #: Farthest that link 1 may be from upright [rad]; hanging is pi away.
-    elbow: float = 40.0  #: Farthest that the elbow may turn [rad].
-    speed: float = 60.0  #: Fastest joint speed [rad/s].
-    gap: float = 0.1  #: Longest time without a sample, and largest age of one [s].
-    swing_up: float = 30.0  #: Longest swing-up [s]; 0: none at all.
+    shoulder: float = 6.0  #: Largest deviation of link 1 from upright [rad]; pi while hanging.
+    elbow: float = 40.0  #: Largest angle of the elbow [rad].
+    speed: float = 60.0  #: Largest joint speed [rad/s].
+    gap: float = 0.1  #: Longest time without a sample, and largest age of a sample [s].
+    swing_up: float = 30.0  #: Longest swing-up [s]; 0: no swing-up.
 
 
 class Controller:
-    """Estimates the state from the first sample on, and computes torques."""
+    """Estimates the state and computes the torque at every sample."""
 
     def __init__(self, design: Design, bounds: SafetyLimits | None = None) -> None:
         self.mode = ControlMode.SWING_UP
@@ -73,7 +73,7 @@ class Controller:
         self._offset = 0.0
 
     def adopt(self, design: Design) -> None:
-        """Go on with other parameters, without a jump of the torque."""
+        """Change to another design without a jump of the torque."""
         before = None if self._last is None else self._law(self._ahead())
         self.design = design
         self._estimator.adopt(design.parameters, design.L)
@@ -81,10 +81,10 @@ class Controller:
             self._offset += before - self._law(self._ahead())
 
     def step(self, t: float, q: Pair, effort: float) -> float:
-        """Take a sample: time [s], positions [rad], and the torque applied from it on [N m]; return the next torque.
+        """Process a sample with time [s], positions [rad] and present torque [N m]; return the next torque [N m].
 
         Raises:
-            ControlError: it stops; the torque has to be 0 now, and the motor disarmed.
+            ControlError: a limit is violated; command zero torque and disarm the motor.
         """
         self._follow(t, q, effort)
         self._watch(q, effort)
@@ -93,21 +93,21 @@ class Controller:
         self._offset *= math.exp(-self._loop.period / SETTINGS.bumpless)
         torque = self._law(ahead) + self._offset
         if not math.isfinite(torque):
-            raise ControlError(f'the torque came out as {torque}; look at the parameters')
+            raise ControlError(f'the computed torque is {torque}; check the parameters')
         self._torque = max(-self._loop.limit, min(self._loop.limit, torque))
         self.monitor.command(self._torque)
         return self._torque
 
     def _ahead(self) -> RigState:
-        """Return the state when a torque computed now begins to act."""
+        """Return the predicted state at the time when the next torque takes effect."""
         return self._estimator.predict(self.monitor.pending())
 
     def _follow(self, t: float, q: Pair, effort: float) -> None:
         if not all(map(math.isfinite, (t, *q, effort))):
-            raise ControlError(f'a sample holds {t}, {q}, {effort}; all of it has to be finite')
+            raise ControlError(f'a sample has the values {t}, {q}, {effort}; all have to be finite')
         elapsed = self._loop.period if self._last is None else t - self._last
         if not 0 < elapsed <= self._bounds.gap:
-            raise ControlError(f'{elapsed:.3f} s passed between two samples; at most {self._bounds.gap:g} s may')
+            raise ControlError(f'the time between two samples is {elapsed:.3f} s; at most {self._bounds.gap:g} s may')
         if self._last is None:
             self._swinging_since = t
             self._upright = UPRIGHT + 2 * math.pi * round((q[0] - UPRIGHT) / (2 * math.pi) + 1e-9)
@@ -127,7 +127,7 @@ class Controller:
         if speed > b.speed:
             raise ControlError(f'a joint moves at {speed:.1f} rad/s; at most {b.speed:g} rad/s are allowed')
         if not self.monitor.obeyed(effort):
-            raise ControlError(f'the motor does not obey: {effort:g} N m are applied, {self._torque:g} were asked for')
+            raise ControlError(f'the motor ignores commands: {effort:g} N m applied, {self._torque:g} N m commanded')
         if self._sign_check is not None and self._sign_check.update(q, effort):
             self._sign_check = None
 
@@ -143,7 +143,7 @@ class Controller:
             raise ControlError(
                 f'not upright after {allowed:g} s of swinging up'
                 if allowed
-                else 'it is not near enough to upright to be caught, and swinging up is not allowed'
+                else 'it is too far from upright for balancing, and swing_up_time is 0'
             )
 
     def _law(self, state: RigState) -> float:
@@ -152,7 +152,7 @@ class Controller:
         return swing_up(self.design.parameters, self.design.theta, state, self._upright)
 
     def _catches(self, error: RigState) -> bool:
-        """Return by simulation whether the regulator would catch the rig from here, with some torque to spare."""
+        """Return whether the regulator balances the rig from this state in a simulation with a reduced torque limit."""
         limit = SETTINGS.catch_torque * self._loop.limit
         for _ in range(round(SETTINGS.catch_time / SETTINGS.catch_step)):
             if max(abs(error[0]), abs(error[0] + error[1])) > SETTINGS.reach:
@@ -165,6 +165,6 @@ class Controller:
 
 
 def _from_upright(state: RigState) -> RigState:
-    """Return a state as deviation from the nearest upright."""
+    """Return the deviation of a state from the nearest upright position."""
     q1, q2, v1, v2 = state
     return math.remainder(q1 - UPRIGHT, 2 * math.pi), math.remainder(q2, 2 * math.pi), v1, v2

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rig's state, estimated from encoder positions and applied torques, and how late commanded torques are applied.
+"""The state estimator and the monitor of the command delay, from encoder positions and applied torques.
 
 The estimator is a Kalman filter with constant gain and the nonlinear model. It needs no differences of positions, which
-lag behind, and it predicts over the loop's dead time at any speed.
+have a lag, and it predicts over the loop's dead time at any speed.
 """
 
 from collections import Counter, deque
@@ -22,22 +22,22 @@ RigState = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings:
-    """How commanded and applied torques are compared."""
+    """Thresholds of the comparison of commanded and applied torques."""
 
-    same_torque: float = 2e-6  #: Torques [N m] that differ by less are equal: the board counts in micro-N m.
+    same_torque: float = 2e-6  #: Largest difference of equal torques [N m]: the board's resolution is 1e-6 N m.
     longest_transport: int = 10  #: Largest delay of a command [samples].
-    transport_samples: int = 40  #: A delay is accepted if of the last unambiguous samples, so many, ...
-    transport_share: float = 0.8  #: ... this fraction shows it.
-    disobedience: float = 0.1  #: The motor does not obey if no commanded torque was applied for this time [s].
+    transport_samples: int = 40  #: Number of last unambiguous samples from which the delay is estimated.
+    transport_share: float = 0.8  #: Fraction of these samples that has to agree on the delay.
+    disobedience: float = 0.1  #: Time without any commanded torque after which the motor ignores commands [s].
 
 
 SETTINGS = MonitorSettings()
 
 
 class Estimator:
-    """Estimates the state by the Kalman gain ``L`` of the positions' innovation, shape (4, 2).
+    """Estimates the state with the Kalman gain ``L``, shape (4, 2), of the positions' innovation.
 
-    Period and lag [s] are those of the loop.
+    ``period`` and ``lag`` [s] belong to the loop.
     """
 
     def __init__(self, parameters: Parameters, period: float, lag: float, L: Array) -> None:
@@ -46,12 +46,12 @@ class Estimator:
         self._effort: float | None = None  # applied from the last sample on
 
     def adopt(self, parameters: Parameters, L: Array) -> None:
-        """Go on from the same state with other parameters."""
+        """Change the parameters and the gain, and keep the state."""
         self._plant.become(parameters)
         self._L = L.tolist()
 
     def update(self, q: Pair, effort: float, samples: int = 1) -> None:
-        """Take positions [rad] and the torque applied from now on [N m], ``samples`` periods after the last ones."""
+        """Update with positions [rad] and present torque [N m], ``samples`` periods after the last update."""
         if self._effort is None:
             self._plant.place(q, (0.0, 0.0))
             self._effort = effort
@@ -71,23 +71,23 @@ class Estimator:
         return (*self._plant.q, *self._plant.qd)
 
     def predict(self, pending: Iterable[float] = ()) -> RigState:
-        """Return the state when a torque from now begins to act, after the ``pending`` ones [N m], a period each."""
+        """Return the state at the effect of the next torque, after ``pending`` torques [N m] of a period each."""
         assert self._effort is not None, 'update() has to come first'
         q, qd = self._plant.ahead([(torque, 0.0) for torque in (self._effort, *pending)], self._period)
         return (*q, *qd)
 
     def _gain_after(self, samples: int) -> list[list[float]]:
-        """Return the gain after lost samples: positions as measured, speeds corrected by at most innovation / time."""
+        """Return the gain after lost samples: positions are reset, speed corrections limited to innovation / time."""
         elapsed = samples * self._period
         bound = min(1.0, 1 / (elapsed * max(abs(value) for row in self._L[2:] for value in row)))
         return [[1.0, 0.0], [0.0, 1.0], *([bound * value for value in row] for row in self._L[2:])]
 
 
 class CommandMonitor:
-    """Compares the efforts that come with samples with the torques that were commanded; ``period``: of samples [s].
+    """Compares the efforts in the samples with the commanded torques; ``period`` is the sampling period [s].
 
     Attributes:
-        transport: a torque computed from a sample is applied so many samples later.
+        transport: delay from a sample to the application of its torque [samples].
     """
 
     def __init__(self, period: float) -> None:
@@ -98,15 +98,15 @@ class CommandMonitor:
         self._unmatched = 0
 
     def command(self, torque: float) -> None:
-        """Note the torque [N m] that was computed from the last sample."""
+        """Store the torque [N m] that was computed from the last sample."""
         self._commands.append(torque)
 
     def pending(self) -> list[float]:
-        """Return the commanded torques [N m] that are still to be applied."""
+        """Return the commanded torques [N m] that are not applied yet."""
         return list(self._commands)[len(self._commands) + 1 - self.transport :]
 
     def obeyed(self, effort: float) -> bool:
-        """Take the effort of a sample [N m]; return whether commanded torques are applied at all."""
+        """Update the delay with the effort of a sample [N m]; return whether the motor applies commanded torques."""
         recent = enumerate(reversed(self._commands), 1)
         matches = [j for j, torque in recent if abs(torque - effort) <= SETTINGS.same_torque]
         self._unmatched = 0 if matches or not self._commands else self._unmatched + 1

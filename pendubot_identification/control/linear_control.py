@@ -3,9 +3,9 @@
 
 """Linear control of the upright pendubot: linearisation, sampling, discrete LQR and Kalman gains, and their margins.
 
-Near upright x = (q - q*, q') [rad, rad/s] obeys x' = A x + B tau. The loop is sampled and has a dead time: the torque
-computed from a sample acts D seconds after it. The regulator feeds back the state predicted D ahead, which is the LQR
-of the plant augmented by its delay states (Artstein's reduction).
+Near upright x = (q - q*, q') [rad, rad/s] satisfies x' = A x + B tau. The loop is sampled and has a dead time: the
+torque from a sample acts D seconds after it. The regulator feeds back the state predicted D ahead. It is equivalent to
+the LQR of the plant augmented by its delay states (Artstein's reduction).
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from pendubot_identification.model.parameters import Parameters
 class ControlSettings:
     """Weights of the regulator, noise of the estimator, and the search for margins."""
 
-    angle: float = 0.1  #: An angle off by this [rad] costs as much as ...
-    #: ... this torque, a fraction of the rig's weight (P4 + P5) g: a smaller one uses less torque.
+    angle: float = 0.1  #: Deviation of an angle with unit cost [rad].
+    #: Torque with unit cost as a fraction of the rig's weight (P4 + P5) g; a smaller fraction uses less torque.
     torque: float = 0.06
-    disturbance: float = 0.15  #: Standard deviation of the unmodelled torque, white at 100 Hz, likewise as a fraction.
-    counts_per_turn: int = 4000  #: The quantization of the encoders is the measurement noise.
-    largest_gain: float = 100.0  #: Largest gain ...
-    longest_delay: float = 0.2  #: ... and longest added delay [s] up to which margins are looked for ...
-    grid: int = 81  #: ... first on so many points.
+    disturbance: float = 0.15  #: Standard deviation of the unmodelled torque, white at 100 Hz, as the same fraction.
+    counts_per_turn: int = 4000  #: Encoder resolution; its quantization is the measurement noise.
+    largest_gain: float = 100.0  #: Largest gain in the search for margins.
+    longest_delay: float = 0.2  #: Longest additional delay in the search for margins [s].
+    grid: int = 81  #: Number of grid points in the search for margins.
 
 
 SETTINGS = ControlSettings()
@@ -45,34 +45,34 @@ _MEASURED = np.eye(2, 4)
 
 
 def linearise(parameters: Parameters) -> tuple[Array, Array]:
-    """Return A and B, each of shape (4, ...), of x' = A x + B tau upright; B of the torques of both joints.
+    """Return A, shape (4, 4), and B, shape (4, 2), of x' = A x + B tau upright; tau are the torques of both joints.
 
-    Dry friction is left out: at rest its slope is so steep that it would describe no motion of any size.
+    Dry friction is omitted, because its slope at rest is too steep for a linear model of any finite motion.
     """
     viscous = replace(parameters, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0).vector()
-    q, rest = np.array([[math.pi / 2], [0.0]]), np.zeros((2, 1))
-    _, slopes = acceleration_derivatives(viscous, q, rest, rest)
+    q, zero = np.array([[math.pi / 2], [0.0]]), np.zeros((2, 1))
+    _, slopes = acceleration_derivatives(viscous, q, zero, zero)
     A = np.vstack([np.eye(2, 4, 2), slopes[:, :4, 0]])
     return A, np.vstack([np.zeros((2, 2)), np.linalg.inv(mass_matrix(parameters.vector(), q[:, 0]))])
 
 
 def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
-    """Return the zero-order-hold model over ``duration`` [s]: Phi, shape (4, 4), and Gamma, of B's shape (4, M)."""
+    """Return the zero-order-hold model over ``duration`` [s]: Phi, shape (4, 4), and Gamma, shape (4, M) like B."""
     Phi, Gamma, *_ = cont2discrete((A, B, np.eye(len(A)), np.zeros_like(B)), duration)
     return Phi, Gamma
 
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """The sampled control loop: a torque computed from a sample is applied from the next one on."""
+    """The sampled control loop: the torque from a sample is applied at the next sample."""
 
-    period: float  #: Between samples [s].
+    period: float  #: Sampling period [s].
     lag: float = 0.0  #: Delay of the motor behind the board's report [s].
     limit: float = 2.0  #: Largest torque [N m].
 
     @property
     def delay(self) -> float:
-        """Dead time from a sample until the torque computed from it acts [s]."""
+        """Dead time from a sample until its torque acts [s]."""
         return self.period + self.lag
 
 
@@ -80,23 +80,23 @@ class Loop:
 class Design:
     """Regulator and estimator for a rig and a loop."""
 
-    parameters: Parameters  #: Of the rig.
-    theta: tuple[float, ...]  #: The same as plain numbers, which are faster.
+    parameters: Parameters  #: Parameters of the rig.
+    theta: tuple[float, ...]  #: The same parameters as plain numbers, which are faster.
     loop: Loop
-    K: Array  #: Shape (4,); tau = -K x, x predicted over the dead time.
-    L: Array  #: Shape (4, 2); Kalman gain of the positions' innovation.
+    K: Array  #: Regulator gain, shape (4,): tau = -K x, with x predicted over the dead time.
+    L: Array  #: Kalman gain of the positions' innovation, shape (4, 2).
 
     @classmethod
     def make(cls, parameters: Parameters, loop: Loop) -> Design:
         """Design the discrete LQR and the steady Kalman filter for physical parameters.
 
         Raises:
-            ControlError: this controller is not for such a rig, or the motor cannot move it.
+            ControlError: the centre of mass of link 2 is unsuitable, or the rig is not controllable.
         """
         if parameters.P5 <= 0 or parameters.P3 <= 0:
             raise ControlError(
-                f'link 2 has its centre of mass at the elbow or behind it (P3 = {parameters.P3:.3g}, P5 = '
-                f'{parameters.P5:.3g}); this controller needs one that swings out: both above 0'
+                f'the centre of mass of link 2 is at the elbow or behind it (P3 = {parameters.P3:.3g}, P5 = '
+                f'{parameters.P5:.3g}); this controller needs P3 and P5 above 0'
             )
         A, both = linearise(parameters)
         Phi, pushes = sampled(A, both, loop.period)
@@ -110,7 +110,7 @@ class Design:
             covariance = solve_discrete_are(Phi.T, _MEASURED.T, disturbance, noise)
         except (np.linalg.LinAlgError, ValueError) as error:
             raise ControlError(
-                'no controller can be designed for these parameters: the motor hardly moves what has to be balanced; '
+                'no controller can be designed for these parameters: the rig is hardly controllable by its motor; '
                 'identify the rig again'
             ) from error
         K = np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
@@ -124,39 +124,39 @@ class Design:
 
 
 def closed_loop(design: Design, delay: float | None = None, rig: Parameters | None = None) -> tuple[Array, Array]:
-    """Return two matrices F and M: F + g M takes the rig under the regulator over one period.
+    """Return two matrices F and M, so that F + g M is the transition matrix of the closed loop over one period.
 
-    It is stable when all eigenvalues have |z| < 1; g multiplies the torque on its way to the rig and, complex, turns
-    the loop's phase.
+    The loop is stable if all eigenvalues have |z| < 1. The factor g multiplies the torque; a complex g changes the
+    phase.
 
     Args:
-        design: of regulator and estimator.
-        delay: the rig's dead time [s]; None: as designed.
-        rig: its parameters; None: as designed.
+        design: regulator and estimator.
+        delay: dead time of the rig [s]; None: as designed.
+        rig: parameters of the rig; None: as designed.
 
     Returns:
-        Shapes (8 + N, 8 + N): of the rig's x, its estimate before the measurement, and the torques of N samples.
+        Shapes (8 + N, 8 + N): the state is x, its estimate before the measurement, and the torques of N samples.
     """
     loop, delay = design.loop, design.loop.delay if delay is None else delay
-    Phi_own, own = _effects(rig or design.parameters, loop.period, delay, loop.period)
+    Phi_rig, actual = _effects(rig or design.parameters, loop.period, delay, loop.period)
     Phi, assumed = _effects(design.parameters, loop.period, loop.delay, loop.period)
     ahead, pending = _effects(design.parameters, loop.period, loop.delay, loop.delay)
-    past = max(map(len, (own, assumed, pending))) - 1
-    own, assumed, pending = (np.pad(each, ((0, past + 1 - len(each)), (0, 0))) for each in (own, assumed, pending))
+    past = max(map(len, (actual, assumed, pending))) - 1
+    actual, assumed, pending = (np.pad(m, ((0, past + 1 - len(m)), (0, 0))) for m in (actual, assumed, pending))
     state, estimate, torques = np.split(np.eye(8 + past), [4, 8])
     corrected = estimate + design.L @ _MEASURED @ (state - estimate)
     torque = -design.K @ (ahead @ corrected + pending[1:].T @ torques)
     torques = np.vstack([torque, torques])
-    fixed = np.vstack([Phi_own @ state, Phi @ corrected + assumed.T @ torques, torques[:past]])
+    fixed = np.vstack([Phi_rig @ state, Phi @ corrected + assumed.T @ torques, torques[:past]])
     moved = np.zeros_like(fixed)
-    moved[:4] = own.T @ torques
+    moved[:4] = actual.T @ torques
     return fixed, moved
 
 
 def _effects(rig: Parameters, period: float, delay: float, span: float) -> tuple[Array, Array]:
-    """Return how the state moves over ``span`` [s] after a sample: transition, shape (4, 4), and effects of torques.
+    """Return the transition matrix over ``span`` [s] after a sample, shape (4, 4), and the effects of torques.
 
-    Row j of the effects, shape (N, 4), belongs to the torque that was computed j samples before this one.
+    Row j of the effects, shape (N, 4), belongs to the torque from j samples before this one.
     """
     A, both = linearise(rig)
     effects = []
@@ -171,16 +171,16 @@ def _effects(rig: Parameters, period: float, delay: float, span: float) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """Stability margins: how far the rig may differ from the design, in one respect at a time."""
+    """Stability margins, each with the other quantities as designed."""
 
-    gain_down: float  #: Smallest factor of the torque.
-    gain_up: float  #: Largest factor of the torque.
-    phase: float  #: [rad]
-    delay: float  #: Dead time in addition to the designed one [s].
+    gain_down: float  #: Smallest stable factor of the torque.
+    gain_up: float  #: Largest stable factor of the torque.
+    phase: float  #: Phase margin [rad].
+    delay: float  #: Largest stable dead time in addition to the designed dead time [s].
 
 
 def margins(design: Design, rig: Parameters | None = None) -> Margins:
-    """Return the margins of a design on the rig that it was designed for, or another one, by the closed loop's poles.
+    """Return the margins of a design on its own rig, or on ``rig``, from the poles of the closed loop.
 
     Raises:
         ControlError: the loop is unstable.
@@ -199,14 +199,14 @@ def margins(design: Design, rig: Parameters | None = None) -> Margins:
 
 
 def _radius(matrix: Array) -> float:
-    """Return the largest size of an eigenvalue; a loop is stable below 1."""
+    """Return the spectral radius; a loop is stable below 1."""
     return float(abs(np.linalg.eigvals(matrix)).max())
 
 
 def _edge(loop: Callable[[float], Array], furthest: float) -> float:
-    """Return the largest value, at most ``furthest``, up to which a loop that is stable at 0 stays stable."""
+    """Return the stability limit of a loop that is stable at 0, at most ``furthest``."""
     grid = np.linspace(0, furthest, SETTINGS.grid)
     outside = next((k for k in range(1, len(grid)) if _radius(loop(grid[k])) >= 1), None)
     if outside is None:
         return furthest
-    return float(bisect(lambda at: _radius(loop(at)) - 1, grid[outside - 1], grid[outside], rtol=1e-6))
+    return float(bisect(lambda value: _radius(loop(value)) - 1, grid[outside - 1], grid[outside], rtol=1e-6))

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The plan: a design for identified parameters, whether its margins suffice, and its swing-up tried in simulation."""
+"""The plan: a design for identified parameters with sufficient margins, and the simulation of its swing-up."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .controller import UPRIGHT, Controller, ControlMode
 from .linear_control import Design, Loop, Margins, margins
 
-#: The rig is held while both angles are within this of upright [rad].
+#: Largest deviation of both angles from upright while the rig is balanced [rad].
 HELD = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class PlanSettings:
-    """The least margins for a real rig, and the simulation of the swing-up."""
+    """The smallest margins for a real rig, and the simulation of the swing-up."""
 
-    gain: float = 1.15  #: Least margin of the gain, a factor.
-    delay: float = 0.001  #: Least margin of the delay [s]: a busy computer is late now and then.
-    longest: float = 10.0  #: A swing-up is simulated for at most this [s] ...
-    enough: float = 1.0  #: ... and has succeeded if the rig is then balanced for this [s].
-    more: float = 1.3  #: Larger torque limits are tried in steps of this factor ...
-    most: float = 20.0  #: ... up to this multiple of the limit.
+    gain: float = 1.15  #: Smallest gain margin, a factor.
+    delay: float = 0.001  #: Smallest delay margin [s], because a busy computer is sometimes late.
+    longest: float = 10.0  #: Longest simulation of a swing-up [s].
+    enough: float = 1.0  #: Duration of balancing after a successful swing-up [s].
+    more: float = 1.3  #: Factor between the torque limits in the search for a sufficient limit.
+    most: float = 20.0  #: Largest torque limit in that search, as a multiple of the loop's limit.
 
 
 SETTINGS = PlanSettings()
@@ -47,24 +47,24 @@ class Plan:
 
     design: Design
     margins: Margins
-    swing_up: float = math.nan  #: When the rig is upright in simulation [s]; infinite if never, NaN if not simulated.
-    #: A torque limit [N m] that swings it up where the loop's does not; infinite if none does.
+    swing_up: float = math.nan  #: Time of the swing-up in simulation [s]; infinite if it fails, NaN if not simulated.
+    #: Sufficient torque limit for the swing-up [N m] if the loop's limit is not; infinite if there is none.
     sufficient: float = math.nan
 
     @classmethod
     def make(cls, parameters: Parameters, loop: Loop, simulate_closed_loop: bool = True) -> Plan:
-        """Design, and simulate the closed loop if wanted, which takes seconds.
+        """Return a design and, if wanted, simulate the closed loop, which takes seconds.
 
         Raises:
-            ControlError: there is no such controller, or its margins are too small.
+            ControlError: no controller can be designed, or its margins are too small.
         """
         design = Design.make(parameters, loop)
         m, least = margins(design), SETTINGS
         if m.gain_up < least.gain or m.gain_down > 1 / least.gain or m.delay < least.delay:
             raise ControlError(
-                f'this rig can hardly be balanced: the gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is '
-                f'thought and the delay {1e3 * m.delay:.2g} ms longer, and {1 / least.gain:.2f} to {least.gain:.2f} '
-                f'and {1e3 * least.delay:g} ms are needed; sample faster, shorten the delay of '
+                f'the stability margins are too small: gain factors of {m.gain_down:.2f} to {m.gain_up:.2f} and '
+                f'{1e3 * m.delay:.2g} ms of additional delay are stable, and {1 / least.gain:.2f} to {least.gain:.2f} '
+                f'and {1e3 * least.delay:g} ms are required; sample faster, shorten the delay of '
                 f'{1e3 * loop.delay:.3g} ms, or build a longer link 1'
             )
         if not simulate_closed_loop:
@@ -78,32 +78,32 @@ class Plan:
         return not math.isnan(self.swing_up)
 
     def summary(self) -> str:
-        """Say the margins and how the simulation went."""
+        """Return a sentence with the margins and the result of the simulation."""
         m = self.margins
         text = (
-            f'gain may be {m.gain_down:.2f} to {m.gain_up:.2f} times what is thought, the phase margin is '
-            f'{math.degrees(m.phase):.0f} degrees, the delay margin {1e3 * m.delay:.0f} ms beside '
+            f'stable for gain factors of {m.gain_down:.2f} to {m.gain_up:.2f}, phase margin '
+            f'{math.degrees(m.phase):.0f} degrees, delay margin {1e3 * m.delay:.0f} ms in addition to '
             f'{1e3 * self.design.loop.delay:.0f} ms of dead time'
         )
         if math.isfinite(self.swing_up):
-            return f'{text}; in simulation it is upright {self.swing_up:.1f} s after hanging'
+            return f'{text}; the swing-up takes {self.swing_up:.1f} s in simulation'
         return f'{text}; {self.obstacle()}' if self.simulated else text
 
     def obstacle(self) -> str:
-        """Say that the torque limit is too small, and which would do."""
-        enough = f'{self.sufficient:.2g} N m would do' if math.isfinite(self.sufficient) else 'neither would more'
-        return f'{self.design.loop.limit:g} N m do not swing this rig up, as a simulation shows; {enough}'
+        """Return a sentence with the insufficient torque limit and a sufficient limit."""
+        enough = f'{self.sufficient:.2g} N m are enough' if math.isfinite(self.sufficient) else 'nor does more torque'
+        return f'{self.design.loop.limit:g} N m do not swing this rig up in simulation; {enough}'
 
 
 def _swing_up_time(design: Design) -> float:
-    """Return when [s] the rig with the design's own parameters is held upright, from hanging; infinite if never."""
+    """Return the swing-up time [s] of the simulated rig with the design's parameters; infinite if it fails."""
     rig = LatePlant(design.parameters, design.loop.lag)
     run = simulate_closed_loop(Controller(design), rig, SETTINGS.longest, enough=SETTINGS.enough)
     return math.inf if run.stopped else held_since(run.motion)
 
 
 def _sufficient_limit(design: Design) -> float:
-    """Return a torque limit [N m] that swings the rig up, at most 30 % above the least; infinite if none does."""
+    """Return a sufficient torque limit [N m], at most 30 % above the smallest; infinite if there is none."""
     limit = design.loop.limit * SETTINGS.more
     while limit <= SETTINGS.most * design.loop.limit:
         if math.isfinite(_swing_up_time(replace(design, loop=replace(design.loop, limit=limit)))):
@@ -113,20 +113,20 @@ def _sufficient_limit(design: Design) -> float:
 
 
 def deviation(q: Array) -> Array:
-    """Return how far positions q [rad], shape (N, 2), are from upright: the larger of both joints', shape (N,)."""
+    """Return the larger joint's deviation from upright [rad], shape (N,), of positions q [rad], shape (N, 2)."""
     away = np.abs(np.remainder(q - [UPRIGHT, 0.0] + math.pi, 2 * math.pi) - math.pi)
     return np.asarray(away.max(axis=1))
 
 
 def held_since(motion: Trajectory) -> float:
-    """Return the time [s] from which on a motion is held until its end; infinite if it is not held at the end."""
+    """Return the time [s] from which a motion stays upright until its end; infinite if it is not upright at the end."""
     out = np.flatnonzero(deviation(motion.q) > HELD)
     first = out[-1] + 1 if out.size else 0
     return float(motion.t[first]) if first < len(motion) else math.inf
 
 
 class ClosedLoopRun(NamedTuple):
-    """The rig's true motion, at which samples the controller balanced, shape (N,), and why it stopped, if it did."""
+    """The rig's true motion, the flags of the samples in balancing mode, shape (N,), and the reason of a stop or ''."""
 
     motion: Trajectory
     balancing: Flags
@@ -141,15 +141,15 @@ def simulate_closed_loop(
     motor: float = 1.0,
     enough: float = math.inf,
 ) -> ClosedLoopRun:
-    """Let a controller move a simulated rig with encoders of 4000 counts per turn.
+    """Simulate a controller on a rig with encoders of 4000 counts per turn.
 
     Args:
-        controller: before its first sample.
-        rig: at its initial state, with its own motor delay.
+        controller: controller before its first sample.
+        rig: rig in its initial state, with its own motor delay.
         seconds: duration [s].
-        sensed: the positions that the controller gets in the place of the true ones, such as with a wrong sign.
+        sensed: map from true to measured positions, for example with a wrong sign.
         motor: factor of the torque, negative if the motor turns the wrong way.
-        enough: end once it has balanced for so long without a break [s].
+        enough: duration of uninterrupted balancing after which the simulation ends [s].
     """
     period, count = controller.design.loop.period, 2 * math.pi / 4000
     torque, stopped, balanced = 0.0, '', 0

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Readiness: the inputs of a design, which are parameters, their quality, and period and delay of the loop."""
+"""Readiness: collects the inputs of a design: parameters, their quality, and period and delay of the loop."""
 
 import math
 from collections import deque
@@ -17,21 +17,21 @@ from .linear_control import Loop
 
 @dataclass(frozen=True, slots=True)
 class PeriodSettings:
-    """The sampling period as a quantile: a low one, because a busy machine skips samples."""
+    """The sampling period as a low quantile of the intervals, because a busy machine skips samples."""
 
-    samples: int = 100  #: Number of steps between samples.
-    quantile: float = 0.1  #: Of these steps.
-    tolerance: float = 0.05  #: The period is kept until it changes by more than this fraction.
+    samples: int = 100  #: Number of intervals between samples.
+    quantile: float = 0.1  #: Quantile of these intervals.
+    tolerance: float = 0.05  #: Smallest relative change at which the period is updated.
 
 
 SETTINGS = PeriodSettings()
 
 
 class Readiness:
-    """Collects messages in any order.
+    """Collects the inputs of a design, which may arrive in any order.
 
-    ``limit`` is the largest torque that the user allows [N m]. The motor obeys ``motor_delay`` [s] later than the board
-    reports; None: as the identification found.
+    ``limit`` is the user's largest torque [N m]. ``motor_delay`` is the delay of the motor behind the board's report
+    [s]; None: as identified.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None) -> None:
@@ -45,7 +45,7 @@ class Readiness:
         self._period: float | None = None
 
     def sample(self, t: float) -> None:
-        """Take the stamp of a sample [s]."""
+        """Update the sampling period with the stamp of a sample [s]."""
         if math.isfinite(self._last):
             self._steps.append(t - self._last)
         self._last = t
@@ -56,36 +56,36 @@ class Readiness:
                 self._period = round(period, 6)
 
     def board_limit(self, limit: float) -> None:
-        """Take the largest torque that bridge and board let pass [N m]."""
+        """Set the torque limit of bridge and board [N m]."""
         self._board_limit = limit
 
     def offer(self, theta: Sequence[float]) -> Parameters:
-        """Take a parameter vector, or raise PendubotError: no rig has it, or its length is wrong."""
+        """Store a parameter vector; raise PendubotError if it is unphysical or has a wrong length."""
         parameters = Parameters.from_vector(theta)
         self._theta = tuple(theta)
         if problems := parameters.unphysical():
-            raise ControlError(f'no rig has the parameters that came: {problems[0]}; identify the rig again')
+            raise ControlError(f'the parameters are unphysical: {problems[0]}; identify the rig again')
         return parameters
 
     def assess(self, level: Level, message: str, values: Mapping[str, str]) -> None:
-        """Take an identification's assessment of its parameters; ``values`` has them by name, and ``effort.delay``."""
+        """Store the quality of identified parameters; ``values`` are the parameters by name, and ``effort.delay``."""
         self._assessments.append((level, message, values))
 
     def ready(self, accept_warn: bool) -> tuple[Parameters, Loop]:
-        """Return the parameters and the loop, or raise ControlError: something is missing or not good enough."""
+        """Return the parameters and the loop; raise ControlError if an input is missing or its quality too low."""
         if not self._theta:
-            raise ControlError('no parameters have come on pendubot/params; start the identifier')
+            raise ControlError('no parameters were received on pendubot/params; start the identifier')
         parameters = self.offer(self._theta)
         lag = self._assessed(accept_warn)
         if self._period is None:
-            raise ControlError('too few samples have come on joint_states to know their rate; start the bridge')
+            raise ControlError('too few samples were received on joint_states to know their rate; start the bridge')
         if self._motor_delay is not None:
             lag = self._motor_delay
         return parameters, Loop(self._period, lag, min(self._limit, self._board_limit))
 
     def _assessed(self, accept_warn: bool) -> float:
-        """Return the delay [s], 0 if unknown, from the assessment of exactly these parameters if it is good enough."""
-        how = 'set the parameter accept_warn to true to use them all the same'
+        """Return the motor delay [s], 0 if unknown; raise ControlError if the quality is too low or unknown."""
+        how = 'set the parameter accept_warn to true to use them nevertheless'
         for level, message, values in reversed(self._assessments):
             if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
                 continue
@@ -97,7 +97,7 @@ class Readiness:
             return max(0.0, delay) if math.isfinite(delay) else 0.0
         if not accept_warn:
             raise ControlError(
-                f'nothing on pendubot/identification says how good the parameters on pendubot/params are; {how}'
+                f'the quality of the parameters on pendubot/params is not on pendubot/identification; {how}'
             )
         return 0.0
 

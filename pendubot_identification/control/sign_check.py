@@ -1,11 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sign check: finds wrong signs and exchanged encoders in the first tenths of a second of motion.
+"""Sign check: detects wrong signs and exchanged encoders in the first tenths of a second of motion.
 
-Short windows are simulated under each hypothesis: wiring right, an encoder's sign wrong, the motor's sign wrong, or the
-encoders exchanged. The hypothesis that predicts the motion much better than all others is accepted; inaccurate
-parameters worsen all predictions equally.
+Short windows are simulated under each hypothesis: correct wiring, a wrong sign of an encoder or the motor, or exchanged
+encoders. The check accepts the hypothesis with a much smaller prediction error than all others. Inaccurate parameters
+increase all errors equally.
 """
 
 import math
@@ -24,18 +24,18 @@ from pendubot_identification.model.simulation import HANGING
 
 @dataclass(frozen=True, slots=True)
 class SignCheckSettings:
-    """Windows of the simulations, and when a hypothesis is accepted."""
+    """Windows of the simulations, and the acceptance of a hypothesis."""
 
     window: float = 0.08  #: Length of a window [s].
-    steps: int = 8  #: Simulation steps of a window.
-    stride: int = 2  #: The next window begins so many steps later.
-    ratio: float = 5.0  #: A hypothesis is accepted when every other has more than so many times its squared error ...
-    floor: float = 0.0015  #: ... plus the square of this [rad].
+    steps: int = 8  #: Number of simulation steps in a window.
+    stride: int = 2  #: Number of steps between the starts of two windows.
+    ratio: float = 5.0  #: Squared error of the second best hypothesis over the accepted one, at least.
+    floor: float = 0.0015  #: RMS error by which the second best hypothesis has to exceed that ratio [rad].
 
 
 SETTINGS = SignCheckSettings()
 
-#: The fault, none first; the true positions by the measured ones; the sign of the motor.
+#: The fault, '' first; the map from measured to true positions; the sign of the motor.
 _FAULTS: tuple[tuple[str, Callable[[Pair], Pair], float], ...] = (
     ('', lambda q: q, 1.0),
     ("the shoulder's encoder counts the wrong way (sign)", lambda q: (2 * HANGING[0] - q[0], q[1]), 1.0),
@@ -46,7 +46,7 @@ _FAULTS: tuple[tuple[str, Callable[[Pair], Pair], float], ...] = (
 
 
 class SignCheck:
-    """Watches the beginning of a motion until one hypothesis is clear; period and lag [s] are those of the loop."""
+    """Accumulates the hypotheses' errors until one is accepted; ``period`` and ``lag`` [s] belong to the loop."""
 
     def __init__(self, theta: tuple[float, ...], period: float, lag: float) -> None:
         self._theta = theta
@@ -60,13 +60,13 @@ class SignCheck:
         self.interrupt()
 
     def interrupt(self) -> None:
-        """Begin another window with the next sample, after samples were lost."""
+        """Start a new window at the next sample, after lost samples."""
         self._positions.clear()
         self._efforts.clear()
         self._countdown = self._size + self._late
 
     def update(self, q: Pair, effort: float) -> bool:
-        """Take positions [rad] and torque [N m]; return True once the wiring is right, or raise ControlError."""
+        """Update with positions [rad] and torque [N m]; return True for correct wiring, raise ControlError if not."""
         self._positions.append(q)
         self._efforts.append(effort)
         self._countdown -= 1
@@ -82,18 +82,18 @@ class SignCheck:
         if self._errors[second] < SETTINGS.ratio * self._errors[best] + SETTINGS.floor**2:
             return False
         if name := _FAULTS[best][0]:
-            raise ControlError(f'{name}: the rig moves as it would then; correct that, see docs/rig.md')
+            raise ControlError(f'{name}, according to the motion of the rig; correct that, see docs/rig.md')
         return True
 
-    def _error(self, seen: list[Pair], torques: list[float]) -> float:
-        """Return the mean squared prediction error of a window's positions, under the mean torque of each step [rad^2].
+    def _error(self, measured: list[Pair], torques: list[float]) -> float:
+        """Return the mean squared prediction error of a window's positions [rad^2], with the mean torque of each step.
 
-        A straight line is subtracted, because initial velocities are known from differences only.
+        A straight line is subtracted from the errors, because the initial velocities are differences of positions.
         """
-        (q1, q2), (later1, later2) = seen[:2]
+        (q1, q2), (later1, later2) = measured[:2]
         state: tuple[float, ...] = (q1, q2, (later1 - q1) / self._step, (later2 - q2) / self._step)
         errors = [(0.0, 0.0)]
-        for torque, (q1, q2) in zip(torques, seen[1:], strict=True):
+        for torque, (q1, q2) in zip(torques, measured[1:], strict=True):
             state = advance(self._theta, state, (torque, 0.0), self._step, math)
             errors.append((q1 - state[0], q2 - state[1]))
         return float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))

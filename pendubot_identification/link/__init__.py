@@ -1,8 +1,8 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The wire between board and host, both ends: bytes and the time in; samples, reports and bytes out.
+"""Both ends of the serial link between board and host: bytes and times in; samples, reports and bytes out.
 
-The host's end is ``host``, which a program feeds from a ``serial_port``; the board's is ``virtual_board``, which
-``pty_server`` serves on a pseudo-terminal. All others know neither a port nor a clock: bytes and times are arguments.
+The host's end is ``host``; a program feeds it with the bytes of a ``serial_port``. The board's end is
+``virtual_board``; ``pty_server`` serves it on a pseudo-terminal. The other modules open no port and read no clock.
 """

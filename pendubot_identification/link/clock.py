@@ -1,15 +1,15 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The board's clock mapped to the host's by the smallest delays seen.
+"""Maps the board's clock to the host's clock by the smallest transport delays.
 
-A sample's delay (arrival on the host's clock minus sampling on the board's) is a constant offset, plus the drift
-between the two clocks, plus transport and scheduling, which are never negative. So the true line lies under all
-points (board time, delay), and touches those that were not held up: it is an edge of their lower convex hull.
+A sample's delay is its arrival on the host's clock minus its sampling time on the board's clock. It is the sum of a
+constant offset, the drift between the clocks, and transport and scheduling delays, which are never negative. So the
+true line lies below all points (board time, delay) and is an edge of their lower convex hull.
 
-How uncertain the slope of that edge is shows in how far the points lie above it: microseconds on a quiet machine,
-milliseconds on a busy one. The skew is that slope, filtered by a Kalman filter of one state (Kalman 1960): it is found
-within seconds on a quiet machine, and once known well it hardly changes during a busy minute.
+The mean height of the points above that edge determines the standard deviation of its slope. It is microseconds on a
+quiet machine and milliseconds on a busy one. A Kalman filter of one state (Kalman 1960) estimates the skew from the
+slopes: it converges within seconds on a quiet machine, and then changes little during a busy minute.
 """
 
 import math
@@ -22,30 +22,30 @@ from typing import NamedTuple
 MS = 1_000_000
 SECOND = 1_000 * MS
 
-#: The board's counter of microseconds begins again here.
+#: The board's microsecond counter wraps at this value.
 WRAP = 1 << 32
 
 
 @dataclass(frozen=True, slots=True)
 class ClockSettings:
-    """How far back and how finely delays are compared, and what a crystal can do."""
+    """Window, resolution and noise model of the clock estimate."""
 
-    window_us: int = 60_000_000  #: How far back delays are remembered [us].
-    bucket_us: int = 500_000  #: Only the smallest delay of each stretch of so much board time [us] is remembered.
-    finer: int = 4  #: At first, stretches are shorter by this factor, to find the skew soon ...
-    growth: int = 16  #: ... and then as long as all before them, over this number.
-    fewest: int = 4  #: From fewer stretches, no skew is computed.
+    window_us: int = 60_000_000  #: Length of the window of delays [us].
+    bucket_us: int = 500_000  #: Longest bucket [us of board time]; only the smallest delay in a bucket is kept.
+    finer: int = 4  #: The first buckets are shorter by this factor, so that the first skew comes early.
+    growth: int = 16  #: Later buckets have the length of the window so far divided by this number.
+    fewest: int = 4  #: Smallest number of buckets for a skew.
     max_slope: float = 100.0  #: A larger slope [ns per us] is clamped: 10 %.
-    crystals: float = 1.0  #: Largest difference of two crystals [ns per us]: 0.1 %. A slope is larger ...
-    significant: float = 3.0  #: ... only if it is so by this many of its standard deviations.
-    usual_skew: float = 0.2  #: Standard deviation of the skew before anything is known [ns per us]: 200 ppm.
-    #: Standard deviation of the change of the skew in t us, over sqrt(t): 0.1 ppm in a second.
+    crystals: float = 1.0  #: Largest difference between two crystals [ns per us]: 0.1 %.
+    significant: float = 3.0  #: A slope exceeds ``crystals`` only by more than this many standard deviations.
+    usual_skew: float = 0.2  #: Initial standard deviation of the skew [ns per us]: 200 ppm.
+    #: Random walk of the skew: standard deviation after t us, divided by sqrt(t): 0.1 ppm in a second.
     wander: float = 1e-4 / 1e3
-    #: Standard deviation of the slope of an edge, over (mean height of the points above it / their time).
+    #: Standard deviation of an edge's slope, divided by (mean height of the points above it / time span).
     uncertainty: float = 2.0
-    finest: float = 5_000.0  #: Least mean height of the points above the line [ns].
-    accepted_after: int = 3  #: After so many impossible times in a row, the clock has jumped.
-    tolerance_us: int = 1000  #: A time may differ from its neighbours by this [us], and by half a sample period.
+    finest: float = 5_000.0  #: Lower bound of the mean height of the points above the edge [ns].
+    accepted_after: int = 3  #: Number of consecutive implausible times that are replaced; one more is a clock jump.
+    tolerance_us: int = 1000  #: Tolerance of a time against the predicted time [us]; at least half a sample period.
 
 
 SETTINGS = ClockSettings()
@@ -59,13 +59,13 @@ class _Point(NamedTuple):
 class BoardClock:
     """Maps a board's microsecond counter (u32, wrapping) to host time.
 
-    For each sample :meth:`observe` returns its board time, :meth:`host_time` maps that to the host's clock,
-    and :meth:`stamp` makes stamps strictly increase, whatever happens to the mapping.
+    For each sample :meth:`observe` returns its board time, :meth:`host_time` maps that time to the host's clock,
+    and :meth:`stamp` returns strictly increasing stamps, even if the mapping changes.
 
     Attributes:
-        irregular: how many samples carried a time that cannot be true and was replaced.
-        jumps: how often the board's clock jumped and went on from there.
-        jump_us: by how much the last of these times was off.
+        irregular: number of samples with an implausible time, which was replaced by the predicted time.
+        jumps: number of jumps of the board's clock.
+        jump_us: size of the last jump [us].
     """
 
     def __init__(self) -> None:
@@ -75,41 +75,44 @@ class BoardClock:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew with the clock of a board that restarted; stamps go on increasing."""
+        """Reset the estimate for a board that restarted; stamps continue to increase."""
         self._minima.clear()
         self._span_us = 0  # of the present bucket
         self._origin_us: int | None = None
         self._board_us = 0
-        self._jumped_us = 0  # by all jumps together
+        self._jumped_us = 0  # sum of all jumps
         self._step_us = 0  # from one sample to the next; 0: not known yet
-        self._in_a_row = 0  # samples whose time was replaced
-        self._rate_error = (0.0, math.inf)  # the slope as measured and its standard deviation
+        self._in_a_row = 0  # consecutive samples with a replaced time
+        self._rate_error = (0.0, math.inf)  # the measured slope and its standard deviation
         self._arrival_ns = 0
         self._bucket_end = 0
         self._slope = 0.0  # ns of delay per us of board time; 1e-3 is 1 ppm
         self._variance = SETTINGS.usual_skew**2  # of the slope
-        self._intercept = 0.0  # delay [ns] at the board's first sample, where the line is at its lowest
+        self._intercept = 0.0  # delay [ns] of the line at the board's first sample
 
     @property
     def skew_ppm(self) -> float:
-        """How much faster the host's clock runs than the board's [ppm]."""
+        """Skew of the host's clock relative to the board's clock [ppm]; positive if the host's clock is faster."""
         return self._slope * 1e3
 
     @property
     def wrong_rate(self) -> float:
-        """How much faster the host's clock runs, as a fraction, if that is more than crystals can differ; else 0."""
+        """Skew of the host's clock as a fraction if it exceeds the tolerance of crystals, else 0."""
         slope, error = self._rate_error
         return slope * 1e-3 if abs(slope) - SETTINGS.significant * error > SETTINGS.crystals else 0.0
 
     def observe(self, t_us: int, arrival_ns: int, frames: int = 1) -> int:
-        """Take the arrival [ns, host] of a sample taken at ``t_us``; return its board time [us], not wrapped.
+        """Update the estimate with a sample; return its board time [us], not wrapped.
 
-        ``frames`` is how many frames later than the sample before it was sent.
+        Args:
+            t_us: wrapped sampling time on the board's clock [us].
+            arrival_ns: arrival on the host's clock [ns].
+            frames: number of frames since the previous sample.
         """
         if self._origin_us is None:
             self._origin_us = board_us = t_us
         else:
-            # Of all times that ``t_us`` may stand for, the nearest to what the arrival suggests.
+            # Unwrap: take the candidate nearest to the time expected from the arrival.
             expected = self._board_us + (arrival_ns - self._arrival_ns) // 1000
             board_us = expected + (t_us - self._jumped_us - expected + WRAP // 2) % WRAP - WRAP // 2
             predicted = self._board_us + self._step_us * frames
@@ -144,18 +147,18 @@ class BoardClock:
         return board_us
 
     def _cannot_be(self, board_us: int, predicted: int, arrival_ns: int) -> bool:
-        """Return whether a time is off its neighbours', and before the one before or after the sample's own arrival."""
+        """Return whether a time deviates from the prediction, and precedes the previous time or follows the arrival."""
         tolerance = max(SETTINGS.tolerance_us, self._step_us // 2)
         if abs(board_us - predicted) <= tolerance:
             return False
         return board_us <= self._board_us or self.host_time(board_us) > arrival_ns + 1000 * tolerance
 
     def host_time(self, board_us: int) -> int:
-        """Return the host time [ns] of a board time that :meth:`observe` returned, as far as is known now."""
+        """Return the present estimate of the host time [ns] of a board time that :meth:`observe` returned."""
         return 1000 * board_us + round(self._intercept + self._slope * (board_us - (self._origin_us or 0)))
 
     def stamp(self, host_time: int) -> int:
-        """Return a sample's stamp [ns]: its host time, but above every earlier stamp."""
+        """Return a sample's stamp [ns]: its host time, or 1 ns after the last stamp if that is later."""
         if self._last_stamp is not None:
             host_time = max(host_time, self._last_stamp + 1)
         self._last_stamp = host_time
@@ -166,9 +169,9 @@ class BoardClock:
         return delay_ns - self._slope * (board_us - (self._origin_us or 0))
 
     def _follow(self) -> None:
-        """Move the slope, once a bucket, towards that of the hull's edge that spans the middle of the window.
+        """Update the slope once per bucket with the hull's edge that spans the middle of the window.
 
-        Of all lines under the points that edge is nearest to them on average.
+        Among all lines below the points, this edge has the smallest mean distance to them.
         """
         minima = self._minima
         seen_us, count = minima[-1].board_us - minima[0].board_us, len(minima)
@@ -176,10 +179,10 @@ class BoardClock:
         left, right = next(edge for edge in pairwise(_lower_hull(minima)) if edge[1].board_us >= middle)
         slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
         above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
-        # The line goes through two of them.
+        # Two of the points lie on the line.
         error = SETTINGS.uncertainty * max(above / (count - 2), SETTINGS.finest) / seen_us
         self._rate_error = slope, error
-        # Most of the window was used in earlier updates: a bucket brings only its share of the information.
+        # Earlier updates used most of the window: one bucket adds only its fraction of the information.
         noise = error**2 * seen_us / self._span_us
         self._variance += SETTINGS.wander**2 * self._span_us
         gain = self._variance / (self._variance + noise)

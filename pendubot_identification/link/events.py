@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What passes between a host and its program: configuration in; samples, reports, bytes and counts out."""
+"""The interface between a host and its program: configuration in; samples, reports, bytes and counters out."""
 
 import math
 from dataclasses import dataclass, field
@@ -16,26 +16,26 @@ from .protocol import Arm, Command, HelloRequest, encode
 
 @dataclass(frozen=True, slots=True)
 class HostConfig:
-    """What the user decides."""
+    """The user's settings of the link."""
 
-    sign: Pair = (1.0, 1.0)  #: +1 or -1 for each joint; it turns the encoder, not the torque.
+    sign: Pair = (1.0, 1.0)  #: Sign of each encoder, +1 or -1; the torque keeps its sign.
     zero: Pair = (-math.pi / 2, 0.0)  #: Position [rad] of each joint at count 0.
-    counts_per_turn: tuple[int, int] = (0, 0)  #: Of each encoder; 0 takes it from the board's HELLO.
-    torque_limit: float = 2.0  #: Largest torque ever sent [N m].
-    watchdog_ms: int = 100  #: After this long without a command the board switches its motor off.
-    command_timeout: float = 0.1  #: After this long [s] without an effort command the torque sent is 0.
-    #: After this long [s], and five sample periods, without anything valid from the board the link is lost.
+    counts_per_turn: tuple[int, int] = (0, 0)  #: Counts per turn of each encoder; 0: the value in the board's HELLO.
+    torque_limit: float = 2.0  #: Largest torque that is sent [N m].
+    watchdog_ms: int = 100  #: Time without a command [ms] after which the board switches its motor off.
+    command_timeout: float = 0.1  #: Time without an effort command [s] after which the torque is 0.
+    #: Time without a valid frame [s] after which the link is lost; at least five sample periods.
     link_timeout: float = 0.1
-    max_speed: float = 100.0  #: A sample that would need more [rad/s] is flagged; three in a row disarm.
-    max_travel: Pair = (0.0, 0.0)  #: Of each joint to either side of count 0 [rad]; 0 leaves it to the board.
+    max_speed: float = 100.0  #: A sample that implies a higher speed [rad/s] is flagged; three in a row disarm.
+    max_travel: Pair = (0.0, 0.0)  #: Largest distance of each joint from count 0 [rad]; 0: the board's limit.
     confirm_zeros: bool = True  #: Whether the zeros have to be confirmed once for every boot of the board.
 
 
 class Sample(NamedTuple):
-    """One sample to publish: positions [rad], velocities [rad/s], shoulder torque [N m] from now until the next.
+    """One sample: positions [rad], velocities [rad/s], and the shoulder torque [N m] until the next sample.
 
-    ``current`` is the motor's [A], as measured at the sample. ``stamp_ns`` is the board's sampling time on the host's
-    clock; it increases from sample to sample.
+    ``current`` is the measured motor current [A]. ``stamp_ns`` is the board's sampling time on the host's clock [ns],
+    which increases from sample to sample.
     """
 
     stamp_ns: int
@@ -47,7 +47,7 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """Something that happened and that the user has to know; level ``OK`` is good news."""
+    """An event to report to the user; level ``OK`` is information."""
 
     level: Level
     text: str
@@ -55,7 +55,7 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class ArmingEnded:
-    """The board says that it is armed; or arming failed, or was given up, for a reason."""
+    """The end of an arming request: the board is armed if ``reason`` is empty, else ``reason`` is the failure."""
 
     reason: str = ''
 
@@ -65,37 +65,37 @@ HostEvent = Sample | Report | ArmingEnded
 
 @dataclass(slots=True)
 class Counters:
-    """What has happened since the start."""
+    """Numbers of events since the start."""
 
-    received: int = 0  #: Frames that were whole.
+    received: int = 0  #: Valid frames.
     published: int = 0  #: Samples.
-    lost: int = 0  #: Frames missing by their numbers while the link was up, those that arrived damaged among them.
-    duplicates: int = 0  #: Frames that came twice.
-    out_of_order: int = 0  #: Frames that came after a later one.
-    damaged: dict[str, int] = field(default_factory=dict)  #: Frames, by reason.
-    unscaled: int = 0  #: Samples that came before HELLO.
-    flagged: int = 0  #: Samples that would have needed too high a speed.
-    jumps: int = 0  #: New positions that were accepted after several such samples.
-    irregular_stamps: int = 0  #: Samples whose ``t_us`` could not be true and was replaced.
-    clock_jumps: int = 0  #: How often the board's clock jumped and went on from there.
+    lost: int = 0  #: Frames missing in the sequence numbers while the link was up, damaged frames included.
+    duplicates: int = 0  #: Frames that arrived twice.
+    out_of_order: int = 0  #: Frames that arrived after a later frame.
+    damaged: dict[str, int] = field(default_factory=dict)  #: Damaged frames by reason.
+    unscaled: int = 0  #: Samples before the first HELLO.
+    flagged: int = 0  #: Samples that imply a speed above ``max_speed``.
+    jumps: int = 0  #: New positions that were accepted after several flagged samples.
+    irregular_stamps: int = 0  #: Samples with an implausible ``t_us``, which was replaced.
+    clock_jumps: int = 0  #: Jumps of the board's clock.
     late_samples: int = 0  #: Samples that the board took more than half a period late.
     foreign_requests: int = 0  #: Requests of other programs that the board refused.
-    restarts: int = 0  #: Of the board.
+    restarts: int = 0  #: Restarts of the board.
     link_losses: int = 0
-    trips: int = 0  #: Of the board's watchdog.
-    discarded: int = 0  #: Effort commands that came while not armed.
+    trips: int = 0  #: Trips of the board's watchdog.
+    discarded: int = 0  #: Effort commands while disarmed.
     clamped: int = 0  #: Effort commands beyond the limit.
     not_finite: int = 0  #: Effort commands that were NaN or infinite.
-    command_timeouts: int = 0  #: How often effort commands stopped coming.
-    sent: int = 0  #: Frames.
-    board_damaged: int = 0  #: STATEs in which the board noted a damaged frame from the host.
-    board_overruns: int = 0  #: STATEs in which the board noted that it could not send.
+    command_timeouts: int = 0  #: Interruptions of the effort commands.
+    sent: int = 0  #: Frames sent to the board.
+    board_damaged: int = 0  #: STATEs that report a damaged frame from the host.
+    board_overruns: int = 0  #: STATEs that report a frame that the board could not send.
 
 
 class Output:
-    """Events and, while the port is ``open``, frames that leave a host, until they are taken; and its counters.
+    """The output queue of a host: events and, while the port is ``open``, frames; and the host's counters.
 
-    ``seq`` is the number of the last frame, ``frames`` how many there were.
+    ``seq`` is the sequence number of the last frame, ``frames`` the total number of frames.
     """
 
     def __init__(self) -> None:
@@ -114,9 +114,9 @@ class Output:
         """Add a report."""
         self._events.append(Report(level, text))
 
-    def is_new(self, what: str, now: int) -> bool:
-        """Note that something recurring happened at ``now`` [ns]; return whether it did not in the second before."""
-        last, self._last[what] = self._last.get(what), now
+    def is_new(self, name: str, now: int) -> bool:
+        """Record an occurrence of a recurring event at ``now`` [ns]; return whether the second before had none."""
+        last, self._last[name] = self._last.get(name), now
         return last is None or now - last > SECOND
 
     def take_events(self) -> list[HostEvent]:
@@ -125,12 +125,12 @@ class Output:
         return events
 
     def take_data(self) -> bytes:
-        """Return all that has to be written to the port since the last call."""
+        """Return the bytes to write to the port since the last call."""
         data, self.data = self.data, b''
         return data
 
     def send(self, message: type[HelloRequest | Command | Arm], now: int, **fields: int) -> None:
-        """Send a message of these fields under the next number, at ``now`` [ns]; a closed port takes nothing."""
+        """Send a message with the next sequence number at ``now`` [ns]; a closed port drops it."""
         self.seq = (self.seq + 1) & 0xFFFF
         self.frames += 1
         if self.open:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What ``/diagnostics`` says of the link to the board, from the host's reports and counters."""
+"""The diagnosis of the link to the board on ``/diagnostics``, from the host's reports and counters."""
 
 from dataclasses import asdict
 
@@ -11,7 +11,7 @@ from .clock import SECOND
 from .events import Report
 from .host import Host
 
-#: Counters that grow only while something is wrong.
+#: Counters that grow only in case of a fault.
 WORRYING = ['lost', 'duplicates', 'out_of_order', 'damaged', 'flagged', 'irregular_stamps', 'late_samples']
 WORRYING += ['clamped', 'not_finite', 'board_damaged', 'board_overruns', 'foreign_requests']
 
@@ -25,12 +25,12 @@ class Health:
         self._since: int | None = None
 
     def note(self, report: Report) -> None:
-        """Keep a report for the next diagnosis, unless it is good news."""
+        """Keep a report for the next diagnosis, unless its level is OK."""
         if report.level is not Level.OK:
             self._reports.append(report)
 
     def diagnose(self, host: Host, now: int) -> Diagnosis:
-        """Return what is wrong at ``now`` [ns], and what happened since the last call."""
+        """Return the condition of the link at ``now`` [ns], and the events since the last call."""
         counters = asdict(host.counters)
         reasons = counters.pop('damaged')
         counters['damaged'] = sum(reasons.values())
@@ -41,7 +41,7 @@ class Health:
 
         worries = [f'{name.replace("_", " ")}: {grown[name]} more' for name in WORRYING if grown[name] > 0]
         level = max([r.level for r in reports] + [Level.WARN] * bool(worries))
-        # Without repetition: what is wrong now was often just reported.
+        # Without repetition: the present condition was often just reported.
         message = '; '.join(dict.fromkeys([*(r.text for r in reports), *worries]))
         values: dict[str, object] = {
             'link': host.link,
@@ -67,6 +67,6 @@ class Health:
             values['torque limit [N m]'] = min(host.motor.torque_limit, hello.torque_limit / 1e6)
             if hello.torque_constant:
                 values['torque constant [N m/A]'] = hello.torque_constant / 1e6
-            # By the names and in the units of the protocol, and of the firmware's rig.h.
+            # Names and units are those in the protocol and in the firmware's rig.h.
             values |= asdict(hello.limits)
         return Diagnosis(level, message, {name: str(value) for name, value in values.items()})

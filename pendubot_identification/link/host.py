@@ -3,12 +3,12 @@
 
 """The host's side of the protocol as a state machine: bytes and time in, samples, reports and bytes out.
 
-Nothing here reads a clock or a port. Every method that something can follow from takes the present time ``now`` [ns, of
-any clock that never goes back]. Its events, and the bytes for the board, are taken from :attr:`Host.output` afterwards.
+This module reads no clock and no port. Methods take the present time ``now`` [ns, of any monotonic clock]. The caller
+then takes the events, and the bytes for the board, from :attr:`Host.output`.
 
-A STATE's way: :meth:`Host.receive` has the bytes decoded, its number is checked, it is compared with what was sent
-(``motor``), its time is mapped to the host's (``clock``), the limits are checked (``limits``), its counts become
-positions and velocities (``joints``), and a :class:`.events.Sample` leaves.
+:meth:`Host.receive` processes a STATE in this order: decode the bytes, check the sequence number, compare the STATE
+with the sent commands (``motor``), map its time to the host's clock (``clock``), check the limits (``limits``), convert
+its counts to positions and velocities (``joints``), and emit a :class:`.events.Sample`.
 """
 
 import math
@@ -28,20 +28,20 @@ from .protocol import FAULTS, VERSION, Command, Damaged, Decoder, Hello, HelloRe
 
 @dataclass(frozen=True, slots=True)
 class HostSettings:
-    """When a board counts as silent, restarted or at rest."""
+    """The thresholds for a board that is silent, restarted or at rest."""
 
-    hello_interval: int = 200 * MS  #: Between requests for HELLO [ns].
-    unanswered: int = 5  #: This number of requests without an answer is reported.
-    silent_periods: int = 5  #: The link is lost after silence for so many sample periods and link_timeout ...
-    #: ... of which the former count at most this [ns], or the watchdog time, while armed.
+    hello_interval: int = 200 * MS  #: Interval of the requests for HELLO [ns].
+    unanswered: int = 5  #: Number of requests without an answer that is reported.
+    silent_periods: int = 5  #: Silence after which the link is lost [sample periods]; at least link_timeout.
+    #: Upper bound of these sample periods while armed [ns], unless the watchdog time is longer.
     longest_unseen: int = 500 * MS
-    held_up: int = 50 * MS  #: A program that polls so late [ns] was held up itself.
-    clock_back_us: int = 10_000  #: A board whose clock went back further [us] without a wrap has restarted.
-    clock_tolerance: float = 1e-3  #: Largest relative difference of the clocks of board and host.
-    rest_counts: int = 2  #: The rig is at rest while both encoders stay within so many counts ...
-    rest_us: int = 1_000_000  #: ... for this time [us of the board].
-    steps: int = 10  #: HELLO's period is compared with the mean of so many steps of the board's clock ...
-    period_tolerance: float = 0.1  #: ... and may differ by this fraction.
+    held_up: int = 50 * MS  #: Interval between polls after which this program itself was delayed [ns].
+    clock_back_us: int = 10_000  #: Backward step of the board's clock without a wrap that is a restart [us].
+    clock_tolerance: float = 1e-3  #: Largest relative skew between the clocks of board and host.
+    rest_counts: int = 2  #: Largest movement of an encoder at rest [counts].
+    rest_us: int = 1_000_000  #: Time within ``rest_counts`` after which the rig is at rest [us of board time].
+    steps: int = 10  #: Number of steps of the board's clock whose mean is compared with HELLO's period.
+    period_tolerance: float = 0.1  #: Largest relative difference between HELLO's period and this mean.
 
 
 SETTINGS = HostSettings()
@@ -54,21 +54,21 @@ class Host:
     fault disarms it.
 
     Args:
-        config: what the user decides.
-        new_session: returns another number from 1 to 2^32 - 1 at every call, which no other host uses; without it,
-            numbers from 1 on, which is good for simulations alone.
+        config: the user's settings.
+        new_session: returns a new number from 1 to 2^32 - 1 at every call, which no other host uses. The default
+            counts from 1, for simulations only.
 
     Attributes:
-        motor: it takes torques and disarms.
-        output: events and bytes that leave.
-        state: the last STATE that was accepted; None before the first.
+        motor: arming, torque commands and disarming.
+        output: events and bytes to take.
+        state: the last accepted STATE; None before the first.
     """
 
     def __init__(self, config: HostConfig | None = None, new_session: Callable[[], int] | None = None) -> None:
         self.config = config or HostConfig()
         self.output = Output()
         if new_session is not None:
-            # Two hosts on one port number their frames differently.
+            # Two hosts on one port start with different sequence numbers.
             self.output.seq = new_session() & 0xFFFF
         self.counters = self.output.counters
         self.clock = BoardClock()
@@ -95,21 +95,21 @@ class Host:
         self._zeros_sent = 0
 
     def _forget_board(self) -> None:
-        """Begin with a board that has just booted."""
+        """Reset the state for a board that has just booted."""
         self.state: State | None = None
         self._seq: int | None = None  # of the last frame, while the link is up
         self._boot_id: int | None = None
         self._board_us: int | None = None  # board time of the last STATE
-        #: Of the board's clock between frames that follow each other [us].
+        #: Steps of the board's clock between consecutive frames [us].
         self._steps: deque[int] = deque(maxlen=SETTINGS.steps)
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
-        self._rest: tuple[int, int, int] | None = None  # counts near which the rig is, and since when [us, board time]
+        self._rest: tuple[int, int, int] | None = None  # counts of the present rest position and its start [board us]
         self.clock.restart()
         self._joints.restart()
         self.motor.restarted()
 
-    # What can be asked at any time
+    # Queries
 
     @property
     def armed(self) -> bool:
@@ -118,27 +118,27 @@ class Host:
 
     @property
     def hello(self) -> Hello | None:
-        """What the board said about itself; None before it did."""
+        """The last HELLO of the board; None before the first."""
         return self.motor.board
 
     @property
     def link(self) -> str:
-        """``up``, ``silent`` (the port is open, but nothing valid comes), or ``closed``."""
+        """State of the link: ``up``, ``silent`` (the port is open, without valid frames), or ``closed``."""
         if not self.output.open:
             return 'closed'
         return 'up' if self._up else 'silent'
 
     def age(self, now: int) -> float:
-        """Return how long ago [s] the last STATE came; NaN before the first."""
+        """Return the age of the last STATE [s]; NaN before the first."""
         return (now - self._state_arrival) / SECOND if self.state else math.nan
 
     def condition(self, now: int) -> Report:
-        """Return the worst of what is wrong now, or whether it is armed when all is well."""
+        """Return the most severe present problem; without a problem, whether the board is armed."""
         status = self.state.status if self.state else 0
         if not self.output.open:
             return Report(Level.ERROR, self._closed_because)
         if not self._up:
-            return Report(Level.ERROR, self._version_text() or 'no valid sample comes from the board')
+            return Report(Level.ERROR, self._version_text() or 'no valid sample arrives from the board')
         if self.motor.disobeyed:
             return Report(Level.ERROR, DISOBEYED)
         if status & FAULTS:
@@ -148,9 +148,9 @@ class Host:
         if status & Status.WATCHDOG:
             return Report(Level.WARN, "the board's watchdog tripped; arm again")
         if not self.armed and (obstacle := self._obstacle(now)):
-            return Report(Level.WARN, f'disarmed, and not to be armed: {obstacle}')
+            return Report(Level.WARN, f'disarmed, and arming is refused: {obstacle}')
         if self.motor.effort_stopped:
-            return Report(Level.WARN, 'armed at torque 0: no effort command comes')
+            return Report(Level.WARN, 'armed at torque 0: no effort command arrives')
         if self.motor.lost:
             return Report(Level.WARN, f'disarmed: {self.motor.lost}; arm again when it is safe')
         if rate := self._rate_text():
@@ -160,11 +160,11 @@ class Host:
     # The link
 
     def opened(self, now: int) -> None:
-        """Note that the port was opened; ask who is there: it need not be the board that was there before."""
+        """Handle an opened port: request HELLO, because the board may be another than before."""
         self._decoder = Decoder()
         self._seq = None
         self.output.open = True
-        # A delimiter, or a frame that another host left unfinished would take the first one along.
+        # The delimiter ends a frame that another host left unfinished, so that the first frame is not lost.
         self.output.data = b'\0'
         self._up, self._fell_silent = False, False
         self._other_version = 0
@@ -173,8 +173,8 @@ class Host:
         self._ask(now)
 
     def closed(self, reason: str, now: int) -> None:
-        """Note that the port failed or could not be opened; ``reason`` is a sentence for the user."""
-        # Not reported again where it fails for the same reason before anything was heard.
+        """Handle a port that failed or could not be opened; ``reason`` is a sentence for the user."""
+        # The same reason is reported again only after a valid frame.
         if self._heard or reason != self._closed_because:
             self.output.report(Level.ERROR, reason)
         self.counters.link_losses += self._up
@@ -184,7 +184,7 @@ class Host:
         self.output.data = b''
 
     def receive(self, data: bytes, now: int) -> None:
-        """Take bytes that arrived at ``now`` [ns]."""
+        """Process bytes that arrived at ``now`` [ns]."""
         for event in self._decoder.feed(data):
             if isinstance(event, Damaged):
                 damaged = self.counters.damaged
@@ -198,24 +198,24 @@ class Host:
             self._last_valid = now
             if isinstance(event, State):
                 if self._fell_silent:
-                    self.output.report(Level.OK, 'the board is heard again')
+                    self.output.report(Level.OK, 'the board sends again')
                 self._up, self._fell_silent = True, False
                 self._on_state(event, now)
             elif isinstance(event, Hello):
-                # A board that stopped sampling may still answer: after a silence only a sample shows that it is back.
+                # A board that stopped sampling may still answer: after a silence only a sample restores the link.
                 self._up = not self._fell_silent
                 self._on_hello(event, now)
         self.motor.poll(now)
 
     def poll(self, now: int) -> None:
-        """Do what is due: requests, timeouts, repeated commands. :meth:`.Motor.next_poll` says when to call it."""
-        # After this program itself was held up, what came meanwhile has to be read before the link counts as lost.
+        """Handle due requests, timeouts and repeated commands. :meth:`.Motor.next_poll` returns the time to call it."""
+        # After a delay of this program itself, the bytes in the buffer are read before the link counts as lost.
         held_up = not self._held_up and self._last_poll is not None and now - self._last_poll > SETTINGS.held_up
         self._last_poll, self._held_up = now, held_up
         if self._up and not held_up and now - self._last_valid > self._silence_ns:
             self._up, self._fell_silent = False, True
             self.counters.link_losses += 1
-            self.output.report(Level.ERROR, f'link lost: nothing valid for {(now - self._last_valid) / SECOND:.2f} s')
+            self.output.report(Level.ERROR, f'link lost: no valid frame for {(now - self._last_valid) / SECOND:.2f} s')
             self.motor.stop('the link was lost', now)
             self._seq = None
             self._ask(now)
@@ -227,7 +227,7 @@ class Host:
         self.motor.poll(now)
 
     def arm(self, now: int) -> None:
-        """Begin to arm; :class:`.events.ArmingEnded` follows, here or within 0.5 s."""
+        """Start arming; :class:`.events.ArmingEnded` follows at once or within 0.5 s."""
         if not self._up or self.state is None:
             self.output.emit(ArmingEnded(f'no board: {self.condition(now).text}'))
         elif not self.armed and (obstacle := self._obstacle(now)):
@@ -236,9 +236,9 @@ class Host:
             self.motor.arm(self.state, now)
 
     def confirm_zeros(self, now: int) -> tuple[bool, str]:
-        """Take the angles of a rig at rest as right until the board restarts; return whether, and a sentence."""
+        """Confirm the angles of a rig at rest until the board restarts; return success and a message."""
         if not self._up or self.state is None or self._joints.q is None:
-            return False, f'no angle comes: {self.condition(now).text}'
+            return False, f'no angle arrives: {self.condition(now).text}'
         q1, q2 = self._joints.q
         angles = f'q1 = {q1:.4f} rad, q2 = {q2:.4f} rad'
         if self._board_us is None or self._rest is None or self._board_us - self._rest[2] < SETTINGS.rest_us:
@@ -248,31 +248,31 @@ class Host:
         return True, f'confirmed: {angles}; if that is wrong, restart the board while both links hang at rest'
 
     def _send_zeros(self, now: int) -> None:
-        """Have the board remember until it restarts that its zeros were confirmed, for other hosts too."""
+        """Store the confirmation of the zeros on the board until it restarts, for other hosts too."""
         self._zeros_sent = now
         if self.hello is not None:
             self.output.send(Command, now, mode=Mode.CONFIRM_ZEROS, session=self.hello.boot_id)
 
     def _obstacle(self, now: int) -> str:
-        """Return why the motor must not be armed, and what to do; empty where it may be."""
+        """Return the reason against arming the motor, and the correction; empty if there is none."""
         hello, config = self.hello, self.config
         if self._unusable:
             return self._unusable
         if hello is None:
-            return 'the board has not said HELLO yet'
+            return 'the board has not sent HELLO yet'
         if contradiction := self._contradiction():
             return contradiction
         if self.motor.contested(now):
             return 'another program sends commands to the board; end that program'
         limits = hello.limits
-        for name, of_board, own in (
+        for name, of_board, configured in (
             ('max_speed', limits.max_speed, config.max_speed),
             ('max_travel of the shoulder', limits.max_travel1, config.max_travel[0]),
             ('max_travel of the elbow', limits.max_travel2, config.max_travel[1]),
         ):
-            if own and not 0 < of_board <= own * 1000:
+            if configured and not 0 < of_board <= configured * 1000:
                 allowed = f'a limit of {of_board / 1000:g}' if of_board else 'no limit'
-                return f"{name} is {own:g}, and the board has {allowed}; lower the firmware's in rig.h, or raise this"
+                return f'{name} is {configured:g}, and the board has {allowed}; lower its limit in rig.h, or raise this'
         known = self._zeros_confirmed or (self.state is not None and self.state.status & Status.ZEROED)
         if config.confirm_zeros and not known:
             return (
@@ -289,11 +289,11 @@ class Host:
             'the firmware that belongs to this bridge (docs/rig.md)'
         )
 
-    # What the board says
+    # Messages of the board
 
     def _on_state(self, state: State, now: int) -> None:
         if self._has_restarted(state, now):
-            self._restarted('its clock and its sequence began again', now)
+            self._restarted('its clock and its sequence numbers restarted', now)
         if not self._accept(state):
             return
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
@@ -324,14 +324,14 @@ class Host:
             self.output.emit(Sample(stamp_ns, q, qd, state.torque / 1e6, state.current / 1e3))
 
     def _board_time(self, t_us: int, now: int, frames: int) -> int:
-        """Return a sample's board time [us]; report a clock that is wrong."""
+        """Return a sample's board time [us]; report a jump or a wrong rate of the clock."""
         clock, before = self.clock, self._board_us
         irregular, jumps = clock.irregular, clock.jumps
         board_us = clock.observe(t_us, now, frames)
         self._state_taken = clock.host_time(board_us)
         self.counters.irregular_stamps, self.counters.clock_jumps = clock.irregular, clock.jumps
         if clock.jumps > jumps:
-            text = f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; look at its timer"
+            text = f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; check its timer"
             self.output.report(Level.WARN, text)
         if frames == 1 and clock.irregular == irregular and before is not None:
             self._steps.append(board_us - before)
@@ -345,16 +345,16 @@ class Host:
             self._rest = state.enc1, state.enc2, board_us
 
     def _rate_text(self) -> str:
-        """Return by how much the board's clock is off; empty where crystals may differ by that."""
+        """Return a message with the rate error of the board's clock; empty within the tolerance of crystals."""
         rate = self.clock.wrong_rate
         if not rate:
             return ''
         faster = 'slow' if rate > 0 else 'fast'
         text = f"the board's clock runs {abs(rate) * 100:.2g} % {faster}: check CRYSTAL_MHZ, or its timer"
-        return f'{text}; speeds and parameters are wrong by as much'
+        return f'{text}; velocities and parameters have the same error'
 
     def _check_limits(self, state: State, elapsed_us: int, applied: int, now: int) -> None:
-        """Disarm where a limit is exceeded and the board, which has the same or a lower one, did nothing."""
+        """Disarm if a limit is exceeded and the board, whose limit is not higher, did not switch off."""
         assert self._limits is not None
         exceeded = self._limits.check(state, elapsed_us, applied)
         if exceeded and self.armed:
@@ -366,7 +366,7 @@ class Host:
         if self._boot_id is not None and hello.boot_id != self._boot_id:
             self._restarted('it has a new boot_id', now)
         elif self._has_restarted(hello, now):
-            self._restarted('its clock and its sequence began again', now)
+            self._restarted('its clock and its sequence numbers restarted', now)
         self._accept(hello)
         self._boot_id = hello.boot_id
         self._unanswered = 0
@@ -383,29 +383,29 @@ class Host:
             self._limits = LimitMonitor(self._own_limits(hello.limits), self._counts_per_turn(hello))
 
     def _own_limits(self, limits: Limits) -> Limits:
-        """Return the limits that this host checks: the board's, or the user's where there are any."""
+        """Return the limits that this host checks: the user's limits, or the board's where the user set none."""
         config = self.config
         travel = [
-            round(1000 * own) or board
-            for own, board in zip(config.max_travel, (limits.max_travel1, limits.max_travel2), strict=True)
+            round(1000 * configured) or board
+            for configured, board in zip(config.max_travel, (limits.max_travel1, limits.max_travel2), strict=True)
         ]
         return replace(limits, max_speed=round(1000 * config.max_speed), max_travel1=travel[0], max_travel2=travel[1])
 
     def _why_unusable(self, hello: Hello) -> str:
-        """Return what in a HELLO makes no sense, and what to do; empty where all does."""
+        """Return the invalid value in a HELLO, and the correction; empty if all values are valid."""
         if 0 in self._counts_per_turn(hello):
-            return 'the board says 0 counts per turn; set counts_per_turn, or correct its firmware'
+            return 'the board reports 0 counts per turn; set counts_per_turn, or correct its firmware'
         if hello.torque_limit < 0:
-            return f'the board says a torque limit of {hello.torque_limit / 1e6:g} N m; correct its firmware'
+            return f'the board reports a torque limit of {hello.torque_limit / 1e6:g} N m; correct its firmware'
         return ''
 
     @property
     def _period_us(self) -> float:
-        """The mean time between the last samples by the board's clock [us]; 0 while there were too few."""
+        """Mean period of the last samples on the board's clock [us]; 0 while there are too few."""
         return sum(self._steps) / SETTINGS.steps if len(self._steps) == SETTINGS.steps else 0.0
 
     def _contradiction(self) -> str:
-        """Return how HELLO's sampling period contradicts the samples; empty where it does not."""
+        """Return the contradiction between HELLO's sampling period and the samples; empty if there is none."""
         measured = self._period_us
         if self.hello is None or not measured:
             return ''
@@ -413,17 +413,17 @@ class Host:
         if abs(period - measured) <= SETTINGS.period_tolerance * measured:
             return ''
         return (
-            f'the board says a sample every {period / 1000:g} ms, and its samples are {measured / 1000:g} ms apart; '
-            'correct its firmware'
+            f'the board reports a sample period of {period / 1000:g} ms, and its samples are {measured / 1000:g} ms '
+            'apart; correct its firmware'
         )
 
     def _accept(self, frame: State | Hello) -> bool:
-        """Count frames by their numbers; return whether to use this one: it is no duplicate, and not too late."""
+        """Count lost, repeated and late frames; return whether this frame is new and in order."""
         step = 1 if self._seq is None else (frame.seq - self._seq) & 0xFFFF
         if step == 0:
             self.counters.duplicates += 1
             return False
-        # While this program was stopped, numbers may have gone more than half round: then the board's clock decides.
+        # During a pause of this program the numbers may have advanced by over half their range: use the board's clock.
         later = self.state is not None and 0 < (frame.t_us - self.state.t_us) % WRAP < WRAP // 2
         if step >= 0x8000 and not later:
             self.counters.out_of_order += 1
@@ -433,12 +433,12 @@ class Host:
         return True
 
     def _has_restarted(self, frame: State | Hello, now: int) -> bool:
-        """Return whether the clock went back, and did not wrap, in a frame that does not follow the one before."""
+        """Return whether the clock went back without a wrap, in a frame that does not follow the last frame."""
         if self.state is None or (self._seq is not None and frame.seq == (self._seq + 1) & 0xFFFF):
             return False
         if self.state.t_us - frame.t_us <= SETTINGS.clock_back_us:
             return False
-        # A clock that wrapped has gone on by no more than the time since the last STATE was taken (not: read).
+        # A clock that wrapped has advanced by at most the time since the last STATE was sampled (not: read).
         elapsed_us = (now - self._state_taken) * 1e-3 * (1 + SETTINGS.clock_tolerance)
         return (frame.t_us - self.state.t_us) % WRAP > elapsed_us + SETTINGS.clock_back_us
 
@@ -450,13 +450,13 @@ class Host:
         self._ask(now)
 
     def _counts_per_turn(self, hello: Hello | None) -> tuple[int, int]:
-        """Return what was configured, or else what the board said; 0 where neither is known."""
+        """Return the configured counts per turn, or else the board's; 0 if both are unknown."""
         first, second = self.config.counts_per_turn
         return first or (hello.cpr1 if hello else 0), second or (hello.cpr2 if hello else 0)
 
     @property
     def _silence_ns(self) -> int:
-        # The period that the samples show; what HELLO says of it must not keep a motor on that nobody sees.
+        # The measured period: a wrong period in HELLO must not delay the detection of a lost link.
         period_us = self._period_us or (self.hello.sample_period_us if self.hello else 0)
         periods = round(SETTINGS.silent_periods * period_us * 1000)
         if self.armed:
@@ -471,8 +471,8 @@ class Host:
 
 
 def _introduction(hello: Hello) -> str:
-    """Return in a sentence what a board says about itself."""
+    """Return the contents of HELLO as a sentence."""
     return (
         f'board {hello.firmware!r}: {hello.cpr1} and {hello.cpr2} counts per turn, a sample every '
-        f'{hello.sample_period_us / 1000:g} ms, torque up to {hello.torque_limit / 1e6:g} N m'
+        f'{hello.sample_period_us / 1000:g} ms, torque limit {hello.torque_limit / 1e6:g} N m'
     )

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Encoder counts to joint positions and velocities; samples that no motor can reach are refused."""
+"""Converts encoder counts to joint positions and velocities, and rejects samples with implausible speeds."""
 
 import math
 from collections import deque
@@ -11,15 +11,15 @@ from pendubot_identification.model.dynamics import Pair
 
 from .events import HostConfig, Output
 
-#: Velocity is the difference to the oldest sample of this last stretch of board time [us], or to the one before
-#: where samples are further apart: a noise of one count in 10 ms, a lag of 5 ms.
+#: Window of the velocity's backward difference [us of board time]; at longer sample periods, one period. Its
+#: resolution is one count in 10 ms, its lag 5 ms.
 VELOCITY_WINDOW_US = 10_000
-#: After so many implausible samples in a row the new position is accepted.
+#: Number of consecutive implausible samples after which the new position is accepted.
 ACCEPTED_AFTER = 5
 
 
 class Joints:
-    """Follows both joints, sample by sample; ``q`` are the last positions [rad], None before the first."""
+    """Computes the motion of both joints; ``q`` are the last positions [rad], None before the first sample."""
 
     def __init__(self, config: HostConfig, output: Output) -> None:
         self._config = config
@@ -27,7 +27,7 @@ class Joints:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew: the next sample is accepted wherever it is."""
+        """Reset the history: the next sample is accepted at any position."""
         self._history: deque[tuple[int, Pair]] = deque()
         self.q: Pair | None = None
         self._flagged = 0
@@ -35,10 +35,10 @@ class Joints:
     def update(
         self, board_us: int, counts: tuple[int, int], counts_per_turn: tuple[int, int], now: int
     ) -> tuple[Pair, Pair] | None:
-        """Take a sample of board time [us] at ``now`` [ns].
+        """Convert a sample at board time ``board_us`` [us] that arrived at ``now`` [ns].
 
         Returns:
-            Positions [rad] and velocities [rad/s], 0 where no sample came before; None where the sample is flagged.
+            Positions [rad] and velocities [rad/s], 0 at the first sample; None if the sample is flagged.
         """
         sign, zero = self._config.sign, self._config.zero
         q1 = sign[0] * math.tau / counts_per_turn[0] * counts[0] + zero[0]
@@ -73,6 +73,6 @@ class Joints:
         if self._output.is_new('jump', now):
             self._output.report(
                 Level.WARN,
-                f'{ACCEPTED_AFTER} samples in a row would have needed more than {self._config.max_speed:g} rad/s: the '
-                'new place is accepted; check the encoders',
+                f'{ACCEPTED_AFTER} samples in a row imply more than {self._config.max_speed:g} rad/s: the new position '
+                'is accepted; check the encoders',
             )

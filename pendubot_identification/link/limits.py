@@ -1,23 +1,23 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The limits at which a motor is switched off: the board checks them first, the host checks them once more.
+"""The limits at which the motor is switched off: the board checks them first, the host checks them again.
 
-All quantities are integers in the units of the protocol, so that the firmware computes the same.
+All quantities are integers in the units of the protocol, so that firmware and host compute the same values.
 """
 
 from .protocol import Limits, State, Status
 
 #: 2 pi, in 1e-9.
 TAU_NANO = 6_283_185_307
-#: One wrong reading of an encoder seems fast twice: as it comes and as it goes.
+#: Number of consecutive fast samples that trip: one wrong encoder sample causes two.
 FAST_SAMPLES = 3
-#: The shoulder stands still while it is within so many counts of where it was.
+#: Largest movement of a shoulder that stands still [counts].
 STILL_COUNTS = 2
 
 
 class LimitMonitor:
-    """Checks sample after sample against limits; ``counts_per_turn`` is that of shoulder and elbow."""
+    """Checks each sample against the limits; ``counts_per_turn`` is (shoulder, elbow)."""
 
     def __init__(self, limits: Limits, counts_per_turn: tuple[int, int]) -> None:
         self._limits = limits
@@ -26,15 +26,15 @@ class LimitMonitor:
         self._fast = 0
         self._still_at = 0
         self._still_us = 0
-        self._heat = 0  # above what the continuous current keeps up [mA^2 us]
+        self._heat = 0  # integral of the squared current above the continuous current [mA^2 us]
 
     def check(self, sample: State, elapsed_us: int, torque: int) -> int:
-        """Return the status bits of the limits that are exceeded at a sample.
+        """Return the status bits of the limits that a sample exceeds.
 
         Args:
-            sample: what was measured: ``enc1``, ``enc2``, ``current`` and ``vbus`` count.
-            elapsed_us: time since the sample before.
-            torque: applied during that time [micro-N m].
+            sample: the sample; only ``enc1``, ``enc2``, ``current`` and ``vbus`` are used.
+            elapsed_us: time since the previous sample [us].
+            torque: torque during that time [micro-N m].
         """
         limits, status = self._limits, 0
         travels = (sample.enc1, limits.max_travel1), (sample.enc2, limits.max_travel2)

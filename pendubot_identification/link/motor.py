@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The motor as the host sees it: arming on request, commanding while armed, and disarming at anything unexpected.
+"""The host's state machine of the motor: arm on request, command while armed, disarm at any contradiction.
 
-The host owns the motor from the STATE that shows its ARM obeyed until the first disarming. In every STATE it compares
-what the board obeyed and applied with what it sent itself.
+The host owns the motor from the first STATE that confirms its ARM until the first disarming. In every STATE it compares
+the executed command and the applied torque with its own commands.
 """
 
 import math
@@ -19,31 +19,31 @@ from .events import ArmingEnded, HostConfig, Output
 from .protocol import BITS, FAULTS, Arm, Command, Hello, Mode, State, Status
 
 ARMING_TIMEOUT = 500 * MS
-#: Requests to arm and to disarm are repeated this often until the board has obeyed them.
+#: Repetition interval of requests to arm and to disarm, until the board has executed them [ns].
 REPEAT_INTERVAL = 50 * MS
-#: So long after its last command a request that the board refuses may be this host's own, of an ended session.
+#: Time after this host's last command during which a refused request may be its own, of an ended session [ns].
 IN_FLIGHT = 200 * MS
-#: What is reported while the board goes on without obeying the request to disarm.
-DISOBEYED = 'the board does not obey the request to disarm: press the emergency stop, then look at its wiring'
-#: In the place of a STATE before the first.
+#: The report while the board does not execute the request to disarm.
+DISOBEYED = 'the board ignores the request to disarm: press the emergency stop, then check its wiring'
+#: The previous STATE of the first STATE.
 _NO_STATE = State(0, 0, 0, 0, 0, 0, 0, 0, 0)
-#: The numbers of frames wrap here.
+#: The sequence numbers of frames wrap at this value.
 _SEQS = 1 << 16
 
 
 class Motor:
-    """It starts disarmed and arms only by :meth:`arm`; any fault, trip, contradiction or :meth:`stop` disarms it.
+    """The motor of one board: :meth:`arm` arms it; any fault, trip, contradiction or :meth:`stop` disarms it.
 
     Args:
-        new_session: returns a number from 1 to 2^32 - 1 that no other host uses; it is called for every arming.
+        new_session: returns a number from 1 to 2^32 - 1 that no other host uses; called for every arming.
 
     Attributes:
         armed: whether the board is armed and commanded by this host.
-        board: what the board said about itself; None while it has not.
-        effort_stopped: whether it is armed at torque 0 because no effort command comes.
-        torque_limit: the largest torque ever sent [N m].
-        lost: why it is disarmed though nobody wanted that, in words; '' from the next arming on.
-        disobeyed: whether the board goes on without obeying the request to disarm.
+        board: the board's HELLO; None before the first.
+        effort_stopped: whether the motor is armed at torque 0 because no effort command arrives.
+        torque_limit: largest torque that is sent [N m].
+        lost: reason of the last unrequested disarming, in words; '' from the next arming on.
+        disobeyed: whether the board ignores the request to disarm.
     """
 
     def __init__(self, config: HostConfig, output: Output, new_session: Callable[[], int] | None = None) -> None:
@@ -57,10 +57,10 @@ class Motor:
         self._new_session = new_session or count(1).__next__
         self._session = 0
         self._arming_since: int | None = None
-        self._lock: int | None = None  # what the ARM under way carries
-        self._frames_before = 0  # the last disarming; what was sent since is this host's own
-        self._arm_seq = 0  # number of the first ARM of this arming
-        self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by the numbers of their frames
+        self._lock: int | None = None  # lock number in the pending ARM
+        self._frames_before = 0  # number of frames sent before the last disarming
+        self._arm_seq = 0  # sequence number of the first ARM of this arming
+        self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by sequence number
         self._last_foreign = -SECOND
         self._torque = 0
         self._last_effort = 0
@@ -74,20 +74,20 @@ class Motor:
 
     @property
     def watchdog_ns(self) -> int:
-        """After this long without a command [ns] the board switches the motor off."""
+        """Time without a command [ns] after which the board switches the motor off."""
         ms = self._config.watchdog_ms
         return MS * (min(ms, self.board.watchdog_max_ms) if self.board else ms)
 
     def restarted(self) -> None:
-        """Note that the board restarted: it is disarmed, and knows of no session."""
+        """Handle a restart of the board: it is disarmed, without a session."""
         self.board: Hello | None = None
         self.disobeyed = False
-        self._disarming_since: int | None = None  # until a STATE shows a mode 0 obeyed
+        self._disarming_since: int | None = None  # until a STATE confirms a mode 0
         self._before = _NO_STATE  # the last STATE
         self._refused: int | None = None
 
     def arm(self, state: State, now: int) -> None:
-        """Begin to arm a board that is heard; ``state`` is its last one."""
+        """Start arming a connected board; ``state`` is its last STATE."""
         if self.armed:
             self._output.emit(ArmingEnded())
         elif self._arming_since is None:
@@ -100,7 +100,7 @@ class Motor:
             self._go_on_arming(state, now)
 
     def stop(self, reason: str, now: int, wanted: bool = False) -> None:
-        """Disarm; unless it was ``wanted``, losing an armed motor is reported."""
+        """Disarm, and report it if the motor was armed and the disarming is not ``wanted``."""
         was_armed, arming_since = self.armed, self._arming_since
         self.armed = self.effort_stopped = False
         self._arming_since, self._torque = None, 0
@@ -115,15 +115,15 @@ class Motor:
         self._send(Mode.DISARM, now)
 
     def disarm(self, now: int) -> None:
-        """Disarm the board, whatever it is doing."""
+        """Disarm the board in any state."""
         self.stop('disarmed on request', now, wanted=True)
 
     def effort(self, torque: float, now: int) -> None:
-        """Take a torque wanted at the shoulder [N m]; it is sent at once when armed, else discarded."""
+        """Send an effort command for the shoulder [N m] at once if armed, else discard it."""
         if not math.isfinite(torque):
             self._counters.not_finite += 1
             if self._output.is_new('not finite', now):
-                text = f'an effort command of {torque} came; only finite torques are sent: disarming'
+                text = f'an effort command is {torque}; only finite torques are sent: disarming'
                 self._output.report(Level.ERROR, text)
             self.stop('an effort command was not finite', now, wanted=True)
             return
@@ -135,17 +135,17 @@ class Motor:
         if clamped != torque:
             self._counters.clamped += 1
             if self._output.is_new('clamped', now):
-                text = f'an effort command of {torque:g} N m came; at most {limit:g} N m are sent'
+                text = f'an effort command is {torque:g} N m; at most {limit:g} N m are sent'
                 self._output.report(Level.WARN, text)
         self._torque = round(clamped * 1e6)
         self._last_effort = now
         if self.effort_stopped:
             self.effort_stopped = False
-            self._output.report(Level.OK, 'effort commands come again')
+            self._output.report(Level.OK, 'effort commands arrive again')
         self._send(Mode.TORQUE, now)
 
     def set_torque_limit(self, limit: float, now: int) -> None:
-        """Change the largest torque ever sent [N m], which is not raised while armed; lower a torque beyond it."""
+        """Set the largest torque that is sent [N m] and clamp the present torque; a limit is not raised while armed."""
         self.torque_limit = min(limit, self.torque_limit) if self.armed else limit
         largest = round(self.torque_limit * 1e6)
         if abs(self._torque) > largest:
@@ -153,19 +153,19 @@ class Motor:
             self._send(Mode.TORQUE, now)
 
     def next_poll(self, now: int) -> int:
-        """Return how soon [ns] :meth:`.Host.poll` has to be called again: at the latest when the torque has to be 0."""
-        # At least as often as the timeout, because an effort command may come meanwhile, and be the last one.
+        """Return the time [ns] until the next call of :meth:`.Host.poll`, not after the timeout of effort commands."""
+        # At least once per timeout, because the last effort command may arrive in the meantime.
         regular = max(MS, min(10 * MS, self.watchdog_ns // 8, self._timeout))
         if not self.armed or self.effort_stopped:
             return regular
         return max(0, min(regular, self._last_effort + self._timeout - now))
 
     def poll(self, now: int) -> None:
-        """Do what is due: repeat requests and commands, give arming up, command 0 where no effort command came."""
+        """Repeat due requests and commands, time out the arming, and command 0 after the last effort command."""
         if self._disarming_since is not None and self._output.open and now - self._last_sent >= REPEAT_INTERVAL:
             self._send(Mode.DISARM, now)
         if self._arming_since is not None and now - self._arming_since >= ARMING_TIMEOUT:
-            self.stop('the board did not say within 0.5 s that it is armed', now)
+            self.stop('the board did not confirm the arming within 0.5 s', now)
         elif not self.armed:
             return
         elif not self.effort_stopped and now - self._last_effort >= self._timeout:
@@ -179,7 +179,7 @@ class Motor:
             self._send(Mode.TORQUE, now)
 
     def follow(self, state: State, now: int) -> None:
-        """Compare a STATE with what was sent, and with the one before it."""
+        """Compare a STATE with the sent commands and with the previous STATE."""
         status = state.status
         if risen := status & ~self._before.status:
             self._report_faults(risen & FAULTS, now)
@@ -196,26 +196,26 @@ class Motor:
         self._before = state
 
     def _follow_disarmed(self, state: State, risen: int, now: int) -> None:
-        moves, moved = (bool(each.status & Status.ARMED or each.torque) for each in (state, self._before))
-        # From off to on without an ARM of this host, or on although it was disarmed.
-        foreign = moves and (self._disarming_since is None or not (moved or state.lock == self._lock))
+        on, was_on = (bool(s.status & Status.ARMED or s.torque) for s in (state, self._before))
+        # Switched on without an ARM of this host, or on although it was disarmed.
+        foreign = on and (self._disarming_since is None or not (was_on or state.lock == self._lock))
         if foreign:
             self.lost = 'another program armed the motor, or a bridge that was killed'
             if self._output.is_new('armed by another', now):
-                text = f'the board gives {state.torque / 1e6:g} N m, armed by another program; disarming it'
+                text = f'the board applies {state.torque / 1e6:g} N m, armed by another program; disarming it'
                 self._output.report(Level.ERROR, f'{text}: end that program')
             self.stop(self.lost, now)
         elif self._disarming_since is None:
             if risen & FAULTS:
-                self.stop('a fault', now)  # asks it to forget a fault that is over
-        elif not moves and self._is_own(state.cmd_seq):
+                self.stop('a fault', now)  # a mode 0 clears a fault that is over
+        elif not on and self._is_own(state.cmd_seq):
             self._disarming_since, self.disobeyed = None, False
-        elif moves and now - self._disarming_since >= ARMING_TIMEOUT and not self.disobeyed:
+        elif on and now - self._disarming_since >= ARMING_TIMEOUT and not self.disobeyed:
             self.disobeyed = True
             self._output.report(Level.ERROR, DISOBEYED)
 
     def _go_on_arming(self, state: State, now: int) -> None:
-        """Ask the board to be armed once it has obeyed the last mode 0; notice when it is, or will not be."""
+        """Request the arming after the board has executed the last mode 0; detect its success or failure."""
         if self._disarming_since is not None:
             self._follow_disarmed(state, 0, now)
         if self._disarming_since is not None:
@@ -233,13 +233,13 @@ class Motor:
         elif status & Status.ARMED or (
             state.lock != self._lock and not (own and self._is_before_arming(state.cmd_seq))
         ):
-            self.stop('another program armed or disarmed the board meanwhile; end that program', now)
+            self.stop('another program armed or disarmed the board in the meantime; end that program', now)
         elif state.lock != self._lock or now - self._last_sent >= REPEAT_INTERVAL:
-            # A mode 0 of this host's own that was repeated came late, or the ARM was lost.
+            # A repeated mode 0 of this host arrived late, or the ARM was lost.
             self._request(state.lock, now)
 
     def _contradiction(self, state: State) -> str:
-        """Return why this STATE of an armed board ends the arming; empty where it is as expected."""
+        """Return the reason why this STATE of an armed board disarms; empty if the STATE is as expected."""
         status = state.status
         if status & FAULTS:
             return f'the board is in a fault: {names(status & FAULTS)}'
@@ -250,33 +250,33 @@ class Motor:
             return 'the board is no longer armed' if own else 'another program disarmed the board'
         if not own or state.lock != self._lock:
             return (
-                f'the board obeys frame {state.cmd_seq}, which this host did not send; another program moves the motor'
+                f'the board executes frame {state.cmd_seq}, which this host did not send; another program commands it'
             )
         low, high = self._expected(state)
         if not low <= state.torque <= high:
-            given, wanted = state.torque / 1e6, self._sent[state.cmd_seq] / 1e6
-            return f'the board gives {given:g} N m where {wanted:g} N m were commanded; look at its firmware'
+            applied, commanded = state.torque / 1e6, self._sent[state.cmd_seq] / 1e6
+            return f'the board applies {applied:g} N m instead of the commanded {commanded:g} N m; check its firmware'
         return ''
 
     def _expected(self, state: State) -> tuple[int, int]:
-        """Return between which torques [micro-N m] a board that obeys this frame may be."""
+        """Return the smallest and the largest torque [micro-N m] of a board that executes this frame."""
         wanted = self._sent[state.cmd_seq]
         if state.status & Status.SATURATED and self.board is not None:
             limit = self.board.torque_limit
             wanted = max(-limit, min(limit, wanted))
         if not state.status & Status.SLEW:
             return wanted, wanted
-        # On its way from the torque before, past those that were wanted in between.
+        # The slewing torque lies among the previous torque and the commands since then.
         before = self._before
         steps = (state.cmd_seq - before.cmd_seq) % _SEQS if self._is_own(before.cmd_seq) else 0
         passed = [wanted, before.torque, *(self._sent[(state.cmd_seq - k) % _SEQS] for k in range(1, min(steps, 1000)))]
         return min(passed), max(passed)
 
     def _count_refused(self, state: State, now: int) -> None:
-        """Count the requests of others that the board refused, and report them."""
+        """Count and report the requests of other programs that the board refused."""
         more = 0 if self._refused is None else (state.refused - self._refused) % _SEQS
         self._refused = state.refused
-        # One of an ended session, or an ARM that came too late, may be this host's own.
+        # A command of an ended session, or an ARM that arrived too late, may be this host's own.
         if more and (self.armed or now - self._last_torque_sent >= IN_FLIGHT):
             self._counters.foreign_requests += more
             self._last_foreign = now
@@ -285,12 +285,12 @@ class Motor:
                 self._output.report(Level.WARN, text)
 
     def _report_faults(self, risen: int, now: int) -> None:
-        # Some faults come and go, such as a supply that sags whenever the motor pulls.
+        # Some faults are intermittent, such as a supply that sags under the motor's load.
         if new := sum(bit for name, bit in BITS.items() if bit & risen and self._output.is_new(name, now)):
             self._output.report(Level.ERROR, f'the board reports a fault: {names(new)}')
 
     def _is_own(self, seq: int) -> bool:
-        """Return whether a frame was sent since the last disarming began; of a long time, in its last half minute."""
+        """Return whether this host sent a frame since the last disarming, among its last 32768 frames."""
         return (self._output.seq - seq) % _SEQS < min(self._output.frames - self._frames_before, _SEQS // 2)
 
     def _is_before_arming(self, seq: int) -> bool:
@@ -299,15 +299,15 @@ class Motor:
     def _request(self, lock: int, now: int) -> None:
         if self.board is not None:
             self._lock = lock
-            own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
-            self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **own)
+            session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+            self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **session)
             self._sent[self._output.seq] = 0
             self._last_sent = self._last_torque_sent = now
 
     def _send(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
-        own = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
-        self._output.send(Command, now, mode=mode, torque=torque, **own)
+        session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
+        self._output.send(Command, now, mode=mode, torque=torque, **session)
         self._sent[self._output.seq] = torque
         if mode is Mode.TORQUE:
             self._last_torque_sent = now

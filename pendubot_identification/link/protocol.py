@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The bytes between board and host, version 2: frames in, frozen messages out.
+"""The serial protocol between board and host, version 2: bytes in, immutable messages out, and back.
 
-A frame is ``COBS(body + crc) + 0x00``: little-endian, crc the CRC-32 (IEEE) of the body. Nothing here reads or
-writes; bytes come in as arguments, in pieces of any size.
+A frame is ``COBS(body + crc) + 0x00``: little-endian, crc the CRC-32 (IEEE) of the body. This module opens no port:
+bytes are arguments, in pieces of any size.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from typing import Any, NamedTuple
 
 VERSION = 2
 
-#: The longest frame is HELLO's: 88 bytes of body, 4 of CRC, and one that COBS adds; the delimiter is not counted.
+#: Length of the longest frame, HELLO, without the delimiter: 88 bytes of body, 4 of CRC and 1 of COBS.
 MAX_FRAME = 93
 
 
 class Status:
-    """The status bits of a STATE, as plain numbers: an IntFlag is slow, a thousand times a second."""
+    """The status bits of a STATE, as plain numbers, because an IntFlag is too slow at 1 kHz."""
 
     ARMED = 1 << 0
-    WATCHDOG = 1 << 1  #: The last arming ended because no command came in time.
+    WATCHDOG = 1 << 1  #: The last arming ended because no command arrived in time.
     EMERGENCY_STOP = 1 << 2
     SATURATED = 1 << 3  #: The torque is clamped to the board's limit.
     ENCODER_1 = 1 << 4
@@ -38,25 +38,25 @@ class Status:
     DAMAGED_FRAME = 1 << 9
     OVERRUN = 1 << 10  #: A frame could not be sent.
     REFUSED = 1 << 11  #: A COMMAND of another session, or an ARM that does not fit, was ignored.
-    LATE = 1 << 12  #: This sample came more than half a period late.
-    SLEW = 1 << 13  #: The torque is on its way to the one that was commanded.
+    LATE = 1 << 12  #: This sample is more than half a period late.
+    SLEW = 1 << 13  #: The slew rate limit holds the torque off the command.
     OVERVOLTAGE = 1 << 14
     SPEED = 1 << 15
     TRAVEL = 1 << 16
-    STALL = 1 << 17  #: Torque, and the shoulder's encoder stands still.
-    OVERLOAD = 1 << 18  #: The motor's current has heated it too much.
-    ZEROED = 1 << 19  #: Since the boot somebody has confirmed the zeros of both encoders.
+    STALL = 1 << 17  #: The shoulder's encoder stands still under torque.
+    OVERLOAD = 1 << 18  #: The current has overheated the motor.
+    ZEROED = 1 << 19  #: A user has confirmed the zeros of both encoders since the boot.
 
 
 #: The status bits by name.
 BITS: dict[str, int] = {name: bit for name, bit in vars(Status).items() if name.isupper()}
-#: The bits that keep the motor off. Each is shown while its cause lasts and, if it disarmed the board, until a mode 0.
+#: The bits that keep the motor off. Each is set while its cause lasts and, if it disarmed the board, until a mode 0.
 FAULTS = Status.EMERGENCY_STOP | Status.ENCODER_1 | Status.ENCODER_2 | Status.OVER_CURRENT | Status.OVER_TEMPERATURE
 FAULTS |= Status.UNDERVOLTAGE | Status.OVERVOLTAGE | Status.SPEED | Status.TRAVEL | Status.STALL | Status.OVERLOAD
 
 
 class Mode(IntEnum):
-    """What a COMMAND asks for."""
+    """The action of a COMMAND."""
 
     DISARM = 0
     TORQUE = 1
@@ -68,7 +68,7 @@ class State(NamedTuple):
 
     ``t_us`` is the board's clock (wraps at 2^32), ``enc1`` and ``enc2`` are counts, not wrapped per turn, ``torque``
     is in micro-N m, ``current`` in mA, ``vbus`` in 10 mV. ``cmd_seq`` is the number of the last COMMAND or ARM that was
-    obeyed, 0 before any. ``lock`` is the number that the next ARM has to carry. ``refused`` counts ignored requests.
+    executed, 0 before any. ``lock`` is required in the next ARM. ``refused`` counts ignored requests.
     """
 
     seq: int
@@ -86,11 +86,11 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Host to board: disarm (mode 0), ``torque`` [micro-N m] held for ``watchdog_ms`` (mode 1), or note that the zeros
-    of both encoders were confirmed (mode 2).
+    """Host to board: disarm (mode 0), hold ``torque`` [micro-N m] for ``watchdog_ms`` (mode 1), or store the
+    confirmation of both encoders' zeros (mode 2).
 
-    Mode 1 is obeyed only with the ``session`` that armed the board, mode 2 only with the board's ``boot_id`` in its
-    place; mode 0 is obeyed from anybody.
+    The board executes mode 1 only with the ``session`` that armed it, mode 2 only with its ``boot_id`` as ``session``,
+    and mode 0 from any host.
     """
 
     seq: int
@@ -103,9 +103,9 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Host to board: obey COMMANDs of ``session`` (not 0) from now on, with torque 0 for ``watchdog_ms``.
+    """Host to board: arm for COMMANDs of ``session`` (not 0), with torque 0 for ``watchdog_ms``.
 
-    ``boot_id`` and ``lock`` have to be the board's own, as HELLO and the newest STATE say them.
+    ``boot_id`` has to equal the value in HELLO, ``lock`` the value in the newest STATE.
     """
 
     seq: int
@@ -118,26 +118,26 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a board allows before it switches its motor off by a fault; 0 where it has no such limit."""
+    """The limits at which a board switches its motor off with a fault; 0: no such limit."""
 
-    torque_slew: int = 0  #: Largest change of the torque [micro-N m per ms]; it limits, and is no fault.
-    max_speed: int = 0  #: Of either joint [mrad/s], exceeded in three samples in a row.
-    max_travel1: int = 0  #: Of the shoulder, to either side of count 0 [mrad].
-    max_travel2: int = 0  #: Of the elbow [mrad].
-    stall_torque: int = 0  #: From this torque on [micro-N m] the shoulder has to move ...
-    stall_ms: int = 0  #: ... by more than two counts within this time.
-    continuous_ma: int = 0  #: The current that the motor bears for ever; twice as much ...
-    overload_ms: int = 0  #: ... it bears for this time.
-    max_vbus: int = 0  #: Highest supply [10 mV].
+    torque_slew: int = 0  #: Slew rate limit of the torque [micro-N m per ms]; no fault.
+    max_speed: int = 0  #: Speed of either joint in three samples in a row [mrad/s].
+    max_travel1: int = 0  #: Distance of the shoulder from count 0 [mrad].
+    max_travel2: int = 0  #: Distance of the elbow from count 0 [mrad].
+    stall_torque: int = 0  #: Smallest torque of a stall [micro-N m].
+    stall_ms: int = 0  #: Duration of a stall: the shoulder moves by at most two counts [ms].
+    continuous_ma: int = 0  #: Continuous current of the motor [mA].
+    overload_ms: int = 0  #: Permitted duration of twice the continuous current [ms].
+    max_vbus: int = 0  #: Largest supply voltage [10 mV].
 
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Board to host, at boot and when asked: who it is and in what units it counts.
+    """Board to host, at boot and on request: the board's identity, scale factors and limits.
 
     ``cpr1`` and ``cpr2`` are counts per turn, ``torque_limit`` is in micro-N m, ``torque_constant`` in micro-N m per A.
     ``build`` identifies the firmware's source. ``fault_cause`` and ``fault_pc`` are the exception number and the
-    program counter of the processor fault before this boot; 0 where there was none since power came.
+    program counter of the processor fault before this boot; 0: no fault since power-on.
     """
 
     seq: int
@@ -159,7 +159,7 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class HelloRequest:
-    """Host to board: say HELLO."""
+    """Host to board: send HELLO."""
 
     seq: int
     t_us: int
@@ -167,10 +167,10 @@ class HelloRequest:
 
 @dataclass(frozen=True, slots=True)
 class Damaged:
-    """Bytes that were dropped: the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
+    """Dropped bytes, with the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
 
-    ``overlong`` comes once, as soon as there are more bytes than in any frame; they end at the next 0x00. ``version``
-    is that of a complete frame of another version of the protocol, else 0.
+    ``overlong`` is reported once, after more bytes than in the longest frame; the bytes end at the next 0x00.
+    ``version`` is the protocol version of a complete frame of another version, else 0.
     """
 
     reason: str
@@ -183,7 +183,7 @@ Event = Message | Damaged
 _LIMITS = [f'limits.{field.name}' for field in fields(Limits)]
 _BOOT = 'boot_id', 'reset_cause', 'fault_cause', 'watchdog_max_ms', 'cpr1', 'cpr2', 'torque_limit', 'sample_period_us'
 _HELLO = (*_BOOT, 'fault_pc', 'build', 'torque_constant', *_LIMITS, 'firmware')
-#: By message: the number of its type, its body, and the fields in the body's order behind type and version.
+#: By message: its type number, its body, and the fields after type and version in the order of the body.
 _LAYOUTS: dict[type, tuple[int, struct.Struct, attrgetter[tuple[Any, ...]]]] = {
     kind: (number, struct.Struct(f'<BBHI{payload}'), attrgetter('seq', 't_us', *names))
     for number, kind, payload, names in (
@@ -204,7 +204,7 @@ def encode(message: Message) -> bytes:
     """Return a message's frame, delimiter included.
 
     Raises:
-        struct.error: a field does not fit into its place on the wire.
+        struct.error: a field is out of the range of its format.
     """
     number, body, values_of = _LAYOUTS[type(message)]
     values = values_of(message)
@@ -220,18 +220,18 @@ def frame(body: bytes) -> bytes:
 
 
 def _uncobs(data: bytes) -> bytearray | None:
-    """Undo COBS of one or more bytes without a zero; return None where the code bytes do not lead to the end.
+    """Decode COBS of one or more bytes without a zero; return None if the code bytes do not lead to the end.
 
-    In frames of less than 254 bytes every code byte stands where a zero belongs, and says how far the next one is.
+    In frames of less than 254 bytes every code byte replaces a zero and is the distance to the next code byte.
     """
     out = bytearray(data)
     size = len(out)
-    at = out[0]
-    while at < size:
-        code = out[at]
-        out[at] = 0
-        at += code
-    if at != size:
+    position = out[0]
+    while position < size:
+        code = out[position]
+        out[position] = 0
+        position += code
+    if position != size:
         return None
     del out[0]
     return out
@@ -255,20 +255,20 @@ def _parse(data: bytes, accepted: frozenset[type]) -> Event:
         return Damaged('length')
     _, _, seq, t_us, *values = body.unpack_from(content)
     if kind is Hello:
-        given = dict(zip(_HELLO, values, strict=True))
-        given['firmware'] = given['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
-        return Hello(seq, t_us, limits=Limits(*(given.pop(name) for name in _LIMITS)), **given)
+        contents = dict(zip(_HELLO, values, strict=True))
+        contents['firmware'] = contents['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
+        return Hello(seq, t_us, limits=Limits(*(contents.pop(name) for name in _LIMITS)), **contents)
     message: Message = kind(seq, t_us, *values)
     return message
 
 
 class Decoder:
-    """Turns bytes into events, independent of how the bytes are cut into pieces. It holds at most one frame.
+    """Decodes bytes, in pieces of any size, into events. It buffers at most one frame.
 
     Args:
-        accept: the messages that this end may hear; any other counts as damaged.
+        accept: the message types that this end receives; another type counts as damaged.
 
-    Two delimiters with nothing in between are no event.
+    Two delimiters in a row are no event.
     """
 
     def __init__(self, accept: Iterable[type] = (State, Hello)) -> None:
@@ -277,7 +277,7 @@ class Decoder:
         self._overlong = False
 
     def feed(self, data: bytes) -> list[Event]:
-        """Take the next bytes; return the events that end with them, in order."""
+        """Decode the next bytes; return the events that they complete, in order."""
         events: list[Event] = []
         *ended, rest = data.split(b'\0')
         for piece in ended:

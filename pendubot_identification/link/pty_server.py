@@ -22,29 +22,29 @@ from pendubot_identification.files import writing
 from .serial_port import FrameWriter
 from .virtual_board import VirtualBoard
 
-#: Option of Linux's prctl: by how much [ns] timers of this thread may be late.
+#: Option of Linux's prctl: largest delay of this thread's timers [ns].
 PR_SET_TIMERSLACK = 29
 
-#: Where this process, or the host that commands an armed board, was kept waiting for longer [ns], a patient rig waits.
+#: A patient rig stops its time after a longer delay of this process, or of the host of an armed board [ns].
 PAUSE = 50_000_000
 
 TRACE_HEADER = 't_us,enc1,enc2,torque,status'
 
 
 class PtyServer:
-    """A pty with a virtual board behind it; a context manager. ``path`` is where a host opens it.
+    """A pseudo-terminal that serves a virtual board; a context manager. A host opens ``path``.
 
     Args:
         board: the board.
-        link: where to put a symbolic link to the pty, so that a host finds it under a name that stays.
-        trace: where to write a CSV file of every sample as the board took it (t_us, counts, micro-N m, status).
-        report: called with ``cable out`` as it goes, and ``cable in`` once it is back.
-        patient: the board's time stands still while this process is kept waiting and, as long as the board is armed,
-            while the host is there and says nothing: on a computer that pauses no rig runs on without its controller.
+        link: symbolic link to the pty, which gives the host a constant path.
+        trace: CSV file of the board's samples (t_us, counts, micro-N m, status).
+        report: called with ``cable out`` when the cable is pulled, and ``cable in`` when it is back.
+        patient: stop the board's time while this process is delayed and, if the board is armed, while the host is
+            connected but silent. So a pause of the computer does not separate the rig from its controller.
 
     Raises:
-        LinkError: the link's or the trace's place is taken by something else, or the link cannot be made.
-        ResultError: the trace cannot be written; serving and leaving raise it, too.
+        LinkError: the link or the trace exists already, or the link cannot be created.
+        ResultError: the trace cannot be written; :meth:`serve` and the exit raise it, too.
     """
 
     def __init__(
@@ -81,17 +81,17 @@ class PtyServer:
                 self._trace.close()
 
     def pull(self) -> None:
-        """Pull the cable in the middle of the next frame; the board goes on. Also from a signal handler."""
+        """Pull the cable in the middle of the next frame; the board keeps running. Safe in a signal handler."""
         self._plugged_in = False
 
     def plug(self) -> None:
-        """Put the cable back: another pseudo-terminal behind the same link."""
+        """Reconnect the cable: the link points to a new pseudo-terminal."""
         self._plugged_in = True
 
     def serve(self, stopped: Callable[[], bool], duration: float = float('inf')) -> None:
-        """Serve until ``stopped`` says so or ``duration`` [s] is over.
+        """Serve until ``stopped`` returns True or ``duration`` [s] is over.
 
-        Samples are due at multiples of the period from the start, so that neither lateness nor drift adds up.
+        Samples are due at multiples of the period from the start, so that delays do not accumulate.
         """
         _wake_in_time()
         period = self._board.settings.sample_period_us * 1000
@@ -105,7 +105,7 @@ class PtyServer:
                 due = now + period
             elif now >= due:
                 data = self._board.sample()
-                # First, so that the trace holds every sample that a host has.
+                # Before the transmission, so that the trace contains every sample that a host receives.
                 self._write_trace()
                 if self._master is None and self._plugged_in:
                     self._plug()
@@ -116,21 +116,21 @@ class PtyServer:
                     self._send(data[: len(data) // 2])
                     self._report('cable out')
                     self._unplug()
-                # Only now: what it takes to compute the motion delays no sample.
+                # After the transmission, so that the computation of the motion delays no sample.
                 self._board.move()
                 due += period
 
     def _plug(self) -> None:
         self._master, slave = pty.openpty()
         if os.ttyname(slave) == self._slave_path:
-            # The system gave the same path again; a device that returns has another one, so take the next.
+            # The system returned the same path; a reconnected device has another path, so take the next.
             former = self._master, slave
             self._master, slave = pty.openpty()
             for descriptor in former:
                 os.close(descriptor)
         tty.setraw(slave)
         self._slave_path = os.ttyname(slave)
-        # Closed here, so that the kernel shows whether a host is there, and keeps nothing while none is.
+        # Closed here, so that the kernel reports a connected host, and buffers nothing without a host.
         os.close(slave)
         os.set_blocking(self._master, False)
         self._writer = FrameWriter(self._master)
@@ -150,7 +150,7 @@ class PtyServer:
         return self._master is not None and not any(events & select.POLLHUP for _, events in self._hangup.poll(0))
 
     def _receive(self, wait: float) -> None:
-        """Wait for so long [s], or until the host says something."""
+        """Receive bytes of the host, for at most ``wait`` [s]."""
         if self._master is None:
             time.sleep(wait)
             return
@@ -158,13 +158,13 @@ class PtyServer:
             time.sleep(wait)
         elif not select.select([self._master], [], [], wait)[0]:
             return
-        # A host that left may have sent something before; if it did not, reading fails.
+        # A host that disconnected may have sent bytes before; otherwise reading fails.
         with contextlib.suppress(OSError):
             self._board.receive(os.read(self._master, 4096))
             self._heard = time.monotonic_ns()
 
     def _send(self, data: bytes) -> None:
-        # Like a UART, without waiting for a host that does not read.
+        # Like a UART, do not wait for a host that does not read.
         if not (self._host_is_there() and self._writer.write(data)):
             self._board.note_overrun()
 
@@ -176,8 +176,8 @@ class PtyServer:
 
 
 def _wake_in_time() -> None:
-    """Ask the system for exact timers; by default they are up to 50 us late, which those of a board are not."""
-    with contextlib.suppress(OSError, AttributeError):  # elsewhere than on Linux
+    """Request exact timers from the system, like a board's; by default they are up to 50 us late."""
+    with contextlib.suppress(OSError, AttributeError):  # not on Linux
         ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
 
 
@@ -185,20 +185,20 @@ def _create(trace: Path) -> TextIO:
     if trace.exists():
         raise LinkError(f'{trace} exists already; remove it or name another trace file')
     with writing(trace):
-        # Line by line, so that it is complete after a kill, too.
+        # Line-buffered, so that the trace is complete even after a kill.
         file = trace.open('x', buffering=1, encoding='ascii')
         file.write(TRACE_HEADER + '\n')
     return file
 
 
 def _replace_link(link: Path, target: str) -> None:
-    """Make a symbolic link; one to a pty that an earlier board left is replaced."""
+    """Create a symbolic link; replace the link to a pty of an earlier board."""
     stale = link.is_symlink() and (not link.exists() or os.readlink(link).startswith('/dev/pts/'))
     if not stale and (link.exists() or link.is_symlink()):
-        raise LinkError(f'{link} exists and is no link to a pty; remove it or name another --link')
+        raise LinkError(f'{link} exists and is no link to a pty; remove it or choose another --link')
     try:
         if stale:
             link.unlink()
         link.symlink_to(target)
     except OSError as error:
-        raise LinkError(f'the link {link} cannot be made ({error.strerror}); name another --link') from error
+        raise LinkError(f'the link {link} cannot be made ({error.strerror}); choose another --link') from error

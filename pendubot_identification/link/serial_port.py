@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The serial port on the host's side: a thread reads it, and opens it again whenever it was lost."""
+"""The serial port on the host's side: a thread reads it, and reopens it after every loss."""
 
 import contextlib
 import errno
@@ -16,12 +16,12 @@ from pathlib import Path
 
 import serial
 
-#: A port that failed or is missing is tried again this often [s].
+#: Interval of attempts to open a failed or missing port [s].
 RETRY = 0.02
 
-#: A silent port is checked this often [s]; closing waits for the thread at most so long.
+#: Timeout of one read [s]; closing the port takes at most this time.
 _READ_TIMEOUT = 0.05
-#: A device whose buffer takes nothing for so long [s] is gone.
+#: Time with a full buffer after which the device counts as lost [s].
 _WRITE_TIMEOUT = 0.02
 
 _MISSING, _BUSY, _FORBIDDEN = 'missing', 'busy', 'forbidden'
@@ -30,11 +30,11 @@ _TROUBLES |= dict.fromkeys((errno.EBUSY, errno.EAGAIN), _BUSY) | dict.fromkeys((
 
 
 class SerialPort:
-    """A port, read by a thread of its own from :meth:`start` until :meth:`close`.
+    """A serial port that its own thread reads from :meth:`start` until :meth:`close`.
 
-    The thread calls ``on_bytes`` with what arrived and when [ns, time.monotonic_ns], ``on_opened`` after the port was
-    opened, and ``on_closed`` with a sentence when it was lost, or could not be opened for another reason than the last
-    time. ``port`` is a path, or any URL that pyserial understands.
+    The thread calls ``on_bytes`` with the bytes and their arrival [ns, time.monotonic_ns], and ``on_opened`` after the
+    port was opened. It calls ``on_closed`` with a message after a loss, and after a failure to open for a new reason.
+    ``port`` is a path or a pyserial URL.
     """
 
     def __init__(
@@ -56,17 +56,17 @@ class SerialPort:
         self._thread = threading.Thread(target=self._run, name='serial port', daemon=True)
 
     def start(self) -> None:
-        """Begin to open and read."""
+        """Start the thread, which opens and reads the port."""
         self._thread.start()
 
     def write(self, data: bytes) -> bool:
-        """Write at once, from any thread; return whether all of it went out. A closed port takes nothing."""
+        """Write at once, from any thread; return whether all bytes were written, which a closed port refuses."""
         with self._lock, contextlib.suppress(OSError, termios.error):
             return self._write is not None and self._write(data)
         return False
 
     def close(self) -> None:
-        """Stop the thread and close the port; what was written still goes out."""
+        """Stop the thread and close the port; bytes already written are still transmitted."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(2.0)
@@ -78,7 +78,7 @@ class SerialPort:
                 device = open_port(self._port, self._baud)
             except Exception as error:
                 trouble = _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error) or type(error).__name__)
-                # Only for new trouble: to find who holds a busy port takes a while.
+                # Only for a new reason: the search for the program that holds a busy port is slow.
                 if trouble != reported:
                     reported = trouble
                     self._on_closed(_sentence(self._port, trouble))
@@ -93,17 +93,17 @@ class SerialPort:
                 device.close()
             if not self._stopping.is_set():
                 self._on_closed(f'the port {self._port} was lost ({reason}); it is opened again when it returns')
-                # That it is missing now is not reported too.
+                # The loss is reported; do not report the missing port, too.
                 reported = _MISSING
                 self._stopping.wait(RETRY)
 
     def _read(self, device: serial.SerialBase) -> str:
-        """Read until the port fails, and return why, or until the link is closed."""
+        """Read until the port fails or is closed; return the reason."""
         while not self._stopping.is_set():
             try:
                 data = _wait_and_read(device)
-                # Only now: while this process waits for the processor more may come, is read too, and must not seem to
-                # have arrived before it was sent.
+                # After the read: it returns bytes that arrived while this process waited for the processor, and an
+                # earlier time would precede their transmission.
                 arrival = time.monotonic_ns()
             except (OSError, termios.error) as error:
                 return str(error)
@@ -113,24 +113,24 @@ class SerialPort:
 
 
 def open_port(port: str, baud: int) -> serial.SerialBase:
-    """Open a port for this program alone; what came before is dropped.
+    """Open a port exclusively and drop its buffered bytes.
 
     Raises:
         OSError, termios.error, ValueError: it is missing, busy, forbidden, or no serial port.
-        Exception: a URL that pyserial does not understand, such as re.error or KeyError.
+        Exception: an invalid pyserial URL, such as re.error or KeyError.
     """
     device = serial.serial_for_url(port, baud, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True)
     if not isinstance(device, serial.Serial):
         return device
     try:
-        # pyserial's lock stops only programs that ask for it; this stops all. Not on a pty: there it would stay after a
-        # crash, as long as the other end is open, and stop the next bridge.
+        # pyserial's lock is advisory; this one excludes all programs. Not on a pty: there it would remain after a crash
+        # while the other end is open, and exclude the next bridge.
         if not os.ttyname(device.fd).startswith('/dev/pts/'):
             fcntl.ioctl(device.fd, termios.TIOCEXCL)
     except (OSError, termios.error):
         device.close()
         raise
-    # Not every driver has it; without it several frames may come together.
+    # Some drivers lack the low-latency mode; then several frames may arrive together.
     with contextlib.suppress(AttributeError, NotImplementedError, ValueError, OSError):
         device.set_low_latency_mode(True)
     return device
@@ -143,12 +143,12 @@ def _writer(device: serial.SerialBase) -> Callable[[bytes], bool]:
 
 
 def _wait_and_read(device: serial.SerialBase) -> bytes:
-    """Wait for bytes; return all that are there, none after a while."""
+    """Wait for bytes; return the buffered bytes, or none after the timeout."""
     data = b''
     if not isinstance(device, serial.Serial):
         data = device.read(1)
         data += device.read(device.in_waiting) if data else b''
-    # Not through pyserial: at 1 kHz its reading costs as much as all the rest of the bridge.
+    # Without pyserial, whose reads at 1 kHz cost as much as the rest of the bridge.
     elif select.select([device.fd], [], [], _READ_TIMEOUT)[0]:
         with contextlib.suppress(BlockingIOError):
             data = os.read(device.fd, 4096)
@@ -158,9 +158,9 @@ def _wait_and_read(device: serial.SerialBase) -> bytes:
 
 
 def _sentence(port: str, trouble: str) -> str:
-    """Return why a port could not be opened, and what to do."""
+    """Return a message with the reason why a port could not be opened, and the correction."""
     if trouble == _MISSING:
-        return f'the port {port} is missing; plug the board in, or set port to where it is'
+        return f'the port {port} is missing; connect the board, or set port to its path'
     if trouble == _BUSY:
         names = ' and '.join(_holders(port)) or f'a program of another user (sudo fuser -v {port} names it)'
         return f'the port {port} is busy: {names} holds it; end that program'
@@ -171,31 +171,31 @@ def _sentence(port: str, trouble: str) -> str:
 
 
 def _holders(port: str) -> list[str]:
-    """Return, as ``name (process 123)``, the programs that have a device open; those of other users stay hidden."""
+    """Return this user's programs that have a device open, as ``name (process 123)``."""
     device = Path(port).resolve()
-    found = []
+    holders = []
     for process in Path('/proc').glob('[0-9]*'):
-        # Processes come and go meanwhile, and those of others may not be looked into.
+        # Processes may end in the meantime, and other users' processes are not readable.
         with contextlib.suppress(OSError):
             if any(descriptor.resolve() == device for descriptor in (process / 'fd').iterdir()):
-                found.append(f'{(process / "comm").read_text().strip()} (process {process.name})')
-    return found
+                holders.append(f'{(process / "comm").read_text().strip()} (process {process.name})')
+    return holders
 
 
 class FrameWriter:
-    """Writes frames to a descriptor that does not block, or drops them: a late torque or sample is of no use."""
+    """Writes frames to a non-blocking descriptor, or drops them, because a late torque or sample is useless."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self._cut = False
 
     def write(self, data: bytes) -> bool:
-        """Write at once; return whether all of it went out.
+        """Write at once; return whether all bytes were written.
 
         Raises:
             OSError: the device is gone.
         """
-        # After a frame that was cut short a delimiter ends it: else the next one would be lost with it.
+        # A delimiter ends a truncated frame; otherwise the next frame would be lost with it.
         data = b'\0' + data if self._cut else data
         sent = 0
         with contextlib.suppress(BlockingIOError):

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The board's side of the protocol around a simulated pendubot, with faults on request.
+"""The board's side of the protocol with a simulated pendubot, and faults on request.
 
-Bytes and one sample period at a time come in, bytes go out; all randomness comes from the seed.
+The simulation advances by one sample period per call, with bytes in and bytes out; the seed determines all randomness.
 """
 
 import math
@@ -32,12 +32,12 @@ from .protocol import (
     encode,
 )
 
-#: A motor that takes 1 A for 0.1 N m, from a supply of 24 V: only shown, not part of the physics.
+#: A motor with 0.1 N m/A on a 24 V supply: reported only, not part of the simulation.
 _MILLIAMPERE_PER_MICRO_NM = 0.01
 _TORQUE_CONSTANT = 100_000
 _VBUS_10MV = 2400
 
-#: Limits for the paper's rig: about ten turns of the shoulder, twice its gravity torque, 1.5 N m for ever.
+#: Limits for the paper's rig: about ten turns of the shoulder, twice its gravity torque, 1.5 N m continuous torque.
 LIMITS = Limits(
     torque_slew=1_000_000,
     max_speed=100_000,
@@ -53,17 +53,17 @@ LIMITS = Limits(
 
 @dataclass(frozen=True, slots=True)
 class BoardSettings:
-    """What a board is like.
+    """Properties of a virtual board.
 
     Raises:
-        ParameterError: a value outside of what a board can have.
+        ParameterError: a value outside its range.
     """
 
     counts: int = 4000  #: Encoder counts per turn, both joints.
-    torque_limit: float = 2.0  #: Largest torque [N m]; what is beyond is clamped.
+    torque_limit: float = 2.0  #: Largest torque [N m]; commands are clamped to it.
     sample_period_us: int = 10_000
-    watchdog_max_ms: int = 500  #: Longest time for which a command holds.
-    clock_start_us: int = 0  #: The clock at the start, such as shortly before its wrap; a reset begins it again at 0.
+    watchdog_max_ms: int = 500  #: Longest validity of a command [ms].
+    clock_start_us: int = 0  #: Clock at the start [us], for example shortly before its wrap; a reset restarts it at 0.
     limits: Limits = LIMITS
 
     def __post_init__(self) -> None:
@@ -76,22 +76,22 @@ class BoardSettings:
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What goes wrong, by chance or at a time: probabilities per frame or sample, and times [s] after the start.
+    """Simulated faults: probabilities per frame or sample, and times after the start [s].
 
     Raises:
         ParameterError: a probability outside 0 to 1, or a time below 0.
     """
 
-    bit_flip: float = 0.0  #: One bit of a frame is flipped on its way to the host ...
-    drop_byte: float = 0.0  #: ... one byte dropped ...
-    double_byte: float = 0.0  #: ... or doubled.
+    bit_flip: float = 0.0  #: Probability of a flipped bit in a frame to the host.
+    drop_byte: float = 0.0  #: Probability of a dropped byte in a frame to the host.
+    double_byte: float = 0.0  #: Probability of a doubled byte in a frame to the host.
     lose_frame: float = 0.0
     duplicate_frame: float = 0.0
-    glitch: float = 0.0  #: An encoder reads half a turn off, in this sample only.
-    reset_at: float = math.inf  #: The board restarts.
-    emergency_stop_at: float = math.inf  #: It is pressed, and stands until the board restarts.
-    over_current_at: float = math.inf  #: The motor draws too much, for 0.1 s.
-    stuck_at: float = math.inf  #: The shoulder's encoder stands still from then on.
+    glitch: float = 0.0  #: Probability of a shoulder sample that is half a turn off.
+    reset_at: float = math.inf  #: Time of a restart of the board.
+    emergency_stop_at: float = math.inf  #: Time of an emergency stop, which lasts until the board restarts.
+    over_current_at: float = math.inf  #: Time of an over-current of 0.1 s.
+    stuck_at: float = math.inf  #: Time from which the shoulder's encoder stands still.
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -103,20 +103,20 @@ def _expect(name: str, value: float, low: float, high: float) -> None:
         raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
 
 
-#: How long an over-current stands [us].
+#: Duration of an over-current [us].
 _OVER_CURRENT_US = 100_000
 
 
 class VirtualBoard:
-    """A virtual board, one sample at a time, with a plant that moves under its torque.
+    """A virtual board that applies its torque to a simulated plant, sample by sample.
 
     Args:
-        seed: of everything random: boot_id and faults.
-        held: whether the plant is held where it is until the motor is first armed.
+        seed: seed of the boot_id and the faults.
+        held: whether the plant is fixed in its initial position until the motor is first armed.
 
     Attributes:
-        last: the last sample without the faults that were added on its way; None before the first.
-        armed: whether the motor obeys.
+        last: the last sample without transmission faults; None before the first.
+        armed: whether the motor is armed.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class VirtualBoard:
         self._boot(1, self.settings.clock_start_us)
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the host; commands count from the next sample on."""
+        """Process bytes from the host; commands take effect at the next sample."""
         for event in self._decoder.feed(data):
             if isinstance(event, Damaged):
                 self._notes |= Status.DAMAGED_FRAME
@@ -152,29 +152,29 @@ class VirtualBoard:
                 self._arm(event)
 
     def carry(self, payload: float) -> None:
-        """Put a payload [kg] on link 2 in the place of another, 0 for none; from the next move on. From any thread.
+        """Replace the payload [kg] on link 2, 0 for none, at the next :meth:`move`. Callable from any thread.
 
         Raises:
-            ParameterError: there is no place for it.
+            ParameterError: the plant cannot carry the payload.
         """
         self._due = self._bare.carrying(payload)
 
     def note_overrun(self) -> None:
-        """Bytes could not be sent: the next STATE says so."""
+        """Set the overrun bit in the next STATE, because bytes could not be sent."""
         self._notes |= Status.OVERRUN
 
     def advance(self) -> bytes:
-        """Take one sample, and let the plant move until the next; return what goes out to the host."""
+        """Take one sample and move the plant until the next; return the bytes for the host."""
         out = self.sample()
         self.move()
         return out
 
     def sample(self) -> bytes:
-        """Take one sample; return what goes out to the host. :meth:`move` follows, before the next."""
+        """Take one sample; return the bytes for the host. Call :meth:`move` before the next sample."""
         if self._has_come(self._faults.reset_at):
             self._origin = self._encoders()
             self._boot(2)
-        # First a delimiter, or the frame that a restart cut short would take the first one along.
+        # The delimiter ends a frame that a restart truncated, so that the first frame is not lost.
         out, self._first = self._first, b''
         while self._hellos_due:
             self._hellos_due -= 1
@@ -185,7 +185,7 @@ class VirtualBoard:
         return out + self._transmit(state)
 
     def move(self, late_us: int = 0) -> None:
-        """Let the plant move until the next sample, which comes ``late_us`` after it is due."""
+        """Move the plant until the next sample, which is ``late_us`` late."""
         due, self._due = self._due, None
         if due is not None:
             self._plant.become(due)
@@ -209,11 +209,11 @@ class VirtualBoard:
         self._refused = 0
         self._zeroed = False
         self._stuck: int | None = None
-        self._latched = 0  # why it was disarmed, until a mode 0 or the next arming
+        self._latched = 0  # status bits of the disarming's cause, until a mode 0 or the next arming
         self._booted_us = self._elapsed_us
         self._wanted = 0
         self._applied = 0  # until the next sample
-        self._slewed = 0  # from here the torque changes next; a disarming makes it 0
+        self._slewed = 0  # last torque of the slew rate limiter; a disarming sets it to 0
         self._holds_until_us = 0
         self._sampled_us: int | None = None
         self._monitor = LimitMonitor(self.settings.limits, (self.settings.counts,) * 2)
@@ -259,7 +259,7 @@ class VirtualBoard:
         self._holds_until_us = self._clock_us + 1000 * min(watchdog_ms, self.settings.watchdog_max_ms)
 
     def _disarm(self, reason: int) -> None:
-        """Switch off; an ARM that was made before this no longer fits."""
+        """Switch off; this invalidates earlier ARMs."""
         self._latched |= reason
         self._lock = (self._lock + 1) & 0xFFFF
         self.armed = False
@@ -275,9 +275,9 @@ class VirtualBoard:
             standing |= Status.OVER_CURRENT
         return standing | self._exceeded
 
-    def _has_come(self, at: float) -> bool:
-        """Return whether a moment [s] is over, and was in this boot."""
-        return self._booted_us < at * 1e6 <= self._elapsed_us
+    def _has_come(self, time: float) -> bool:
+        """Return whether a time [s] is past and in this boot."""
+        return self._booted_us < time * 1e6 <= self._elapsed_us
 
     def _state(self) -> State:
         period = self.settings.sample_period_us
@@ -292,7 +292,7 @@ class VirtualBoard:
         self._exceeded = self._monitor.check(measured, elapsed, self._applied)
         faults = self._standing_faults()
         if self.armed and faults:
-            # Or one that comes and goes would leave the motor on in between.
+            # Disarm, because an intermittent fault would otherwise leave the motor on in between.
             self._disarm(faults)
         elif self.armed and self._clock_us >= self._holds_until_us:
             self._disarm(Status.WATCHDOG)
@@ -312,7 +312,7 @@ class VirtualBoard:
         return measured._replace(torque=torque, status=status, lock=self._lock, refused=self._refused)
 
     def _encoders(self) -> tuple[int, int]:
-        """Return the counts since the start, 0 when hanging."""
+        """Return the encoder counts, 0 while both links hang."""
         per_radian = self.settings.counts / (2 * math.pi)
         first, second = (round((q - hanging) * per_radian) for q, hanging in zip(self._plant.q, HANGING, strict=True))
         return first, second
@@ -340,8 +340,8 @@ class VirtualBoard:
         if self._chance(faults.drop_byte):
             del data[int(self._rng.integers(len(data)))]
         if self._chance(faults.double_byte):
-            at = int(self._rng.integers(len(data)))
-            data.insert(at, data[at])
+            position = int(self._rng.integers(len(data)))
+            data.insert(position, data[position])
         if self._chance(faults.lose_frame):
             return b''
         return bytes(data) * (2 if self._chance(faults.duplicate_frame) else 1)

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Thin programs around the core: parameters in, one call, messages out."""
+"""The ROS nodes: thin programs around the core, with parameters in, one call, and messages out."""
 
 import os
 
-#: The process that started this one, read before anything else is imported, while it is there.
+#: Process id of the parent, read before all other imports, while the parent certainly exists.
 PARENT = os.getppid()

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``balancer``: swings the rig up and holds it upright, knowing it only through pendubot/params."""
+"""``balancer``: swings the rig up and balances it, with the parameters on pendubot/params as its only model."""
 
 import threading
 import time
@@ -29,33 +29,33 @@ from .messages import LATCHED, Status, joint_sample
 from .ownership import PATIENCE, Driver, name_rivals
 from .runtime import JOINTS, SettingsNode, explained, run
 
-#: The first message of a new publisher may come this long [s] before it is counted.
+#: Longest time from the first message of a new publisher until the publisher is counted [s].
 MATCHING = 0.05
 
 
 class Balancer(SettingsNode):
-    """Waits for parameters and samples, prepares itself, and moves the rig from ~/start to ~/stop or the first fault.
+    """Waits for parameters and samples, designs a controller, and moves the rig from ~/start to ~/stop or a fault.
 
     :class:`.control.balancing.Balancing` makes the decisions.
     """
 
     PROGRAM = 'balancer'
     SUMMARY = (
-        'Swings the rig up and holds it upright by the parameters on pendubot/params: one torque on '
-        'pendubot/effort_command for every message on joint_states. It arms the bridge at ~/start alone, and disarms '
-        'at ~/stop and at anything wrong: samples late or missing, angles or speeds beyond their limits, a motor that '
-        'does not obey, wrong wiring, parameters that no rig has.'
+        'Swings the rig up and balances it with the parameters on pendubot/params: one torque on '
+        'pendubot/effort_command for every message on joint_states. It arms the bridge at ~/start only, and disarms '
+        'at ~/stop and at any fault: late or missing samples, angles or speeds beyond their limits, a motor that '
+        'ignores commands, wrong wiring, unphysical parameters.'
     )
     SETTINGS = (
         JOINTS,
-        Setting('torque_limit', 2.0, 'largest torque commanded, beside the limit of the bridge', 'N m', 1e-3, 1e3),
+        Setting('torque_limit', 2.0, 'largest commanded torque, within the limit of the bridge', 'N m', 1e-3, 1e3),
         Setting('accept_warn', False, 'whether parameters of level WARN, or without a level, are used', dynamic=True),
         Setting('motor_delay', -1.0, 'delay of the motor; -1: as identified', 's', -1.0, 0.5),
         Setting('swing_up_time', 30.0, 'longest swing-up; 0: it only balances a rig near upright', 's', 0.0, 1e4),
-        Setting('max_shoulder', 6.0, 'farthest that link 1 may be from upright; hanging is 3.14', 'rad', 0.1, 100.0),
-        Setting('max_elbow', 40.0, 'farthest that the elbow may turn', 'rad', 0.1, 1e3),
-        Setting('max_speed', 60.0, 'fastest joint speed', 'rad/s', 0.1, 1e4),
-        Setting('max_age', 0.1, 'a sample missing for so long, or stamped that far off, stops', 's', 0.001, 10.0),
+        Setting('max_shoulder', 6.0, 'largest deviation of link 1 from upright; hanging is 3.14', 'rad', 0.1, 100.0),
+        Setting('max_elbow', 40.0, 'largest angle of the elbow', 'rad', 0.1, 1e3),
+        Setting('max_speed', 60.0, 'largest joint speed', 'rad/s', 0.1, 1e4),
+        Setting('max_age', 0.1, 'largest age of a sample, and longest time without one', 's', 0.001, 10.0),
     )
 
     def _open(self, s: dict[str, Any]) -> None:
@@ -64,10 +64,10 @@ class Balancer(SettingsNode):
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], limits)
         self._worker = threading.Thread()
         self._driver = Driver(self)
-        # The newest alone: a torque for an older one would come too late.
+        # Only the newest sample: a torque for an older sample would be late.
         self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, 1)
         self._identified: list[Subscription] = []
-        self._newest: tuple[list[float], float] | None = None  # parameters, and when they came
+        self._newest: tuple[list[float], float] | None = None  # parameters and their arrival [s]
         self._subscribe_parameters()
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self.serve('~/start', self._on_start)
@@ -76,15 +76,15 @@ class Balancer(SettingsNode):
         Status(self, self._diagnosis)
 
     def _close(self) -> None:
-        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        """Command zero torque and disarm; wait at most a second for the answer of the bridge."""
         if self._balancing.phase is not Phase.IDLE:
             self._balancing.stop()
             self._driver.let_go_and_wait()
 
     def _subscribe_parameters(self) -> None:
-        """Subscribe to the parameters and their quality; anew, to receive the latched messages again."""
-        for each in self._identified:
-            self.destroy_subscription(each)
+        """Subscribe to the parameters and their quality, or resubscribe to receive the latched messages again."""
+        for subscription in self._identified:
+            self.destroy_subscription(subscription)
         self._missed = False
         self._identified = [
             self.create_subscription(Float64MultiArray, 'pendubot/params', self._on_params, LATCHED),
@@ -104,7 +104,7 @@ class Balancer(SettingsNode):
         self._newest = list(m.data), time.monotonic()
 
     def _take_parameters(self) -> None:
-        """Take the newest parameters once their publisher, if it is a new one, has been counted."""
+        """Use the newest parameters after the time in which a new publisher is counted."""
         if self._newest is not None and time.monotonic() - self._newest[1] >= MATCHING:
             values, self._newest = self._newest[0], None
             if self._has_one_publisher(self._identified[0]):
@@ -117,19 +117,19 @@ class Balancer(SettingsNode):
                 self._balancing.readiness.assess(Level(min(2, status.level[0])), status.message, values)
 
     def _has_one_publisher(self, subscription: Subscription) -> bool:
-        """Return whether a message is to be taken; report it where it is not."""
+        """Return whether a topic has one publisher; otherwise log an error, because its message is ignored."""
         if rivals := name_rivals(self, subscription):
             self._missed = True
-            self.get_logger().error(f'a message was not taken: {rivals}', throttle_duration_sec=1.0)
+            self.get_logger().error(f'a message was ignored: {rivals}', throttle_duration_sec=1.0)
         return not rivals
 
     def _refuse_second_rig(self) -> None:
-        """Stop a motion, by ControlError, where joint states have a second publisher."""
+        """Raise ControlError, which stops the motion, if joint states have a second publisher."""
         if self._balancing.phase is not Phase.IDLE and (rivals := name_rivals(self, self._samples)):
             raise ControlError(rivals)
 
     def _rivals(self) -> str:
-        """Return a sentence that names the publishers of an input that has several, else ''."""
+        """Return a sentence that names the publishers of an input with several publishers, else ''."""
         return next(filter(None, (name_rivals(self, each) for each in (self._samples, *self._identified))), '')
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
@@ -159,16 +159,16 @@ class Balancer(SettingsNode):
             self.get_logger().info('armed and moving')
         else:
             self._driver.let_go()
-            return False, 'it was stopped meanwhile'
+            return False, 'it was stopped in the meantime'
         return answer.success, f'bridge: {answer.message}'
 
     async def _on_stop(self) -> tuple[bool, str]:
         self._balancing.stop()
         self._driver.let_go()
-        return True, 'stopped; the bridge is told to disarm'
+        return True, 'stopped; the bridge is requested to disarm'
 
     def _supervise(self) -> None:
-        """Notice silence; prepare for new parameters, in a thread of its own; while idle, publish no torque."""
+        """Detect missing samples, design for new parameters in a separate thread, and publish no torque while idle."""
         # While the program ends, _close() still needs the publisher.
         if self._balancing.phase is Phase.IDLE and not self.ended.is_set():
             self._driver.end()
@@ -193,14 +193,14 @@ class Balancer(SettingsNode):
         except Exception as error:
             reason = explained(error)
             self._balancing.not_prepared((parameters, loop), reason)
-            self.get_logger().error(f'these parameters cannot be used: {reason}')
+            self.get_logger().error(f'the parameters cannot be used: {reason}')
         else:
             self._balancing.prepared(plan)
             self.get_logger().info(f'prepared: {plan.summary()}')
 
     @contextmanager
     def _stopping_on_error(self) -> Iterator[None]:
-        """At any error command zero torque and disarm."""
+        """Command zero torque and disarm at any error."""
         moving = self._balancing.phase is not Phase.IDLE
         try:
             yield

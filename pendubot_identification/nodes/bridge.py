@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``bridge``: from the board's bytes to ``joint_states``, and from effort commands to the board."""
+"""``bridge``: publishes the board's samples on ``joint_states``, and sends effort commands to the board."""
 
 import gc
 import math
@@ -30,18 +30,18 @@ from .messages import Status, shoulder_effort
 from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_others, name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 
-#: The computer's clock was set if it is off by more than this [s].
+#: Smallest step of the computer's clock that is reported [s].
 CLOCK_TOLERANCE = 0.05
 
 
 class CommandAge:
-    """Estimates the age of commands from the times at which they were sent and taken.
+    """Estimates the age of commands from their times of transmission and reception.
 
     The difference of these two times is the offset between two clocks plus a latency, which is never negative. Its
-    minimum over the last commands is therefore the offset plus the least latency, and the age is the excess over it.
+    minimum over the last commands is therefore the offset plus the least latency; the age is the excess over it.
     """
 
-    #: The minimum is taken over this period and the one before it [ns]: a clock that was set counts for no longer.
+    #: The minimum covers this period and the previous one [ns], which bounds the effect of a step of the clock.
     PERIOD = 5_000_000_000
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class CommandAge:
         self._since = 0
 
     def measure(self, sent_ns: int, taken_ns: int) -> float:
-        """Return the age [s] of a command; each time [ns] is by the clock of its own program."""
+        """Return the age of a command [s]; each time [ns] is on its own program's clock."""
         delay = taken_ns - sent_ns
         if not 0 <= taken_ns - self._since < self.PERIOD:
             self._least_before, self._least, self._since = self._least, delay, taken_ns
@@ -58,29 +58,29 @@ class CommandAge:
 
 
 class Bridge(ManagedNode):
-    """Three threads share one :class:`Host` under a lock: the port's reader, which publishes with nothing in between;
-    the housekeeper, for timeouts; and the executor, for commands and services.
+    """The node between the board and ROS. Three threads share one :class:`Host` under a lock: the port's reader, which
+    also publishes the samples; the housekeeper, for timeouts; and the executor, for commands and services.
     """
 
     PROGRAM = 'bridge'
     SUMMARY = (
-        "Publishes the board's samples as joint_states, stamped with the board's sampling time, and sends torques "
-        'from pendubot/effort_command or pendubot/joint_commands to it once armed by ~/arm. Waits for the port, and '
-        'opens it again when lost.'
+        "Publishes the board's samples as joint_states, stamped with the board's sampling time. After ~/arm it sends "
+        'the torques on pendubot/effort_command or pendubot/joint_commands to the board. It waits for the port, and '
+        'reopens a lost port.'
     )
     SETTINGS = (
         Setting('port', '/dev/pendubot', "the board's serial port: a path or a pyserial URL"),
         Setting('baud', 921600, 'speed of the port', 'bit/s', 1200, 12_000_000),
         JOINTS,
-        Setting('sign', [1, 1], '1 or -1 for each joint: which way its encoder counts', '', -1, 1, length=2),
+        Setting('sign', [1, 1], "1 or -1 for each joint: direction of its encoder's counts", '', -1, 1, length=2),
         Setting('zero', [-math.pi / 2, 0.0], 'position of each joint at count 0', 'rad', -7.0, 7.0, length=2),
-        Setting('counts_per_turn', [0, 0], 'of each encoder; 0 asks the board', 'counts', 0, 1 << 31, length=2),
+        Setting('counts_per_turn', [0, 0], "of each encoder; 0: the board's value", 'counts', 0, 1 << 31, length=2),
         Setting('torque_limit', 2.0, 'largest torque sent; raised only while disarmed', 'N m', 0.0, 1e3, dynamic=True),
-        Setting('watchdog_ms', 100, 'without a command for so long the board stops its motor', 'ms', 10, 65535),
-        Setting('command_timeout', 0.1, 'without an effort command for so long the torque is 0', 's', 0.001, 3600.0),
-        Setting('link_timeout', 0.1, 'without anything valid for so long the link is lost: disarmed', 's', 0.01, 60.0),
-        Setting('max_speed', 100.0, 'largest joint speed; a faster sample disarms, unpublished', 'rad/s', 0.1, 1e6),
-        Setting('max_travel', [0.0, 0.0], 'largest angle from count 0; 0: by the board', 'rad', 0.0, 1e4, length=2),
+        Setting('watchdog_ms', 100, 'time without a command until the board stops its motor', 'ms', 10, 65535),
+        Setting('command_timeout', 0.1, 'time without an effort command until the torque is 0', 's', 0.001, 3600.0),
+        Setting('link_timeout', 0.1, 'time without a valid frame until the link is lost: disarmed', 's', 0.01, 60.0),
+        Setting('max_speed', 100.0, 'largest joint speed; faster samples are dropped and disarm', 'rad/s', 0.1, 1e6),
+        Setting('max_travel', [0.0, 0.0], "largest angle from count 0; 0: the board's", 'rad', 0.0, 1e4, length=2),
         Setting('confirm_zeros', True, 'whether ~/confirm_zeros has to be called once after every start of the board'),
         AUTOSTART,
     )
@@ -93,10 +93,10 @@ class Bridge(ManagedNode):
         self._pause = 0.0  # until the housekeeper's next step [s]
         self._arming: list[Future] = []
         self._health = Health()
-        # Added to times of the monotonic clock: ROS time, the system's as it was at the start, that nobody sets.
+        # Offset from the monotonic clock to ROS time, constant even if the system's clock is set later.
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
         names = [*s['joint_names'], current_name(s['joint_names'][0])]
-        # One message for all samples: a new one takes longer than all other work on a sample.
+        # One message object for all samples, because its construction takes longer than all other work on a sample.
         self._message = JointState(name=names, position=[0.0] * 3, velocity=[0.0] * 3, effort=[0.0] * 3)
         self._joint_states = self.create_publisher(JointState, 'joint_states', 1000)
         Status(self, self._diagnosis, rig=s['port'])
@@ -107,8 +107,8 @@ class Bridge(ManagedNode):
         )
         self._command_timeout, self._command_age = s['command_timeout'], CommandAge()
         self._stale = 0
-        self._logged_rivals = ''  # the sentence about rivals that was logged last
-        # Arming takes a while: effort commands are discarded meanwhile, not kept for later.
+        self._logged_rivals = ''  # the last logged sentence about rivals
+        # Arming takes time: effort commands are discarded during it, not queued.
         self.serve('~/arm', self._on_arm)
         self.serve('~/disarm', self._on_disarm)
         self.serve('~/confirm_zeros', self._on_confirm_zeros)
@@ -121,7 +121,7 @@ class Bridge(ManagedNode):
         )
         self._closing = threading.Event()
         self._housekeeper = threading.Thread(target=self._keep_house, name='housekeeper', daemon=True)
-        # The objects so far stay: to look through them for garbage takes tens of ms, in which no sample gets through.
+        # Exclude the present, permanent objects from garbage collection, which would delay samples by tens of ms.
         gc.freeze()
         self._link.start()
         self._housekeeper.start()
@@ -141,25 +141,25 @@ class Bridge(ManagedNode):
             self._step(partial(self._host.motor.set_torque_limit, s['torque_limit']))
 
     def _deactivate(self) -> None:
-        """Disarm; while it is inactive nothing is armed and no joint states are published."""
+        """Disarm; an inactive bridge neither arms nor publishes joint states."""
         self._step(self._host.motor.disarm)
 
     def _close(self) -> None:
-        """Disarm the board, whatever the reason of the end, and close the port."""
+        """Disarm the board and close the port."""
         self._closing.set()
         self._step(self._host.motor.disarm)
         self._housekeeper.join(2.0)
         self._link.close()
 
     def _step(self, action: Callable[[int], object], now: int | None = None) -> None:
-        """Let the host do something, from any thread; a failure ends the program, which disarms."""
+        """Execute an action of the host, from any thread; a failure ends the program, which disarms."""
         try:
             with self._lock:
                 action(time.monotonic_ns() if now is None else now)
                 if data := self._host.output.take_data():
                     self._link.write(data)
                 for event in (events := self._host.output.take_events()):
-                    # Under the lock, so that the reports and answers of one thread cannot overtake those of another.
+                    # Under the lock, so that the threads' reports and answers keep their order.
                     if isinstance(event, Report):
                         self._health.note(event)
                         self.log(event.level, event.text)
@@ -194,7 +194,7 @@ class Bridge(ManagedNode):
 
     def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:
         with self._lock:
-            # As on a computer that learns the time only after its start: the stamps of other programs no longer fit.
+            # For example a computer that receives the time after its start: other programs' stamps then differ.
             set_by = (time.time_ns() - time.monotonic_ns() - self._epoch_ns) / 1e9
             if abs(set_by) > CLOCK_TOLERANCE:
                 text = f"the computer's clock was set by {set_by:+.2f} s: stamps keep the old time; restart the bridge"
@@ -203,7 +203,7 @@ class Bridge(ManagedNode):
             if rivals := name_rivals(self, *self._commands):
                 self._health.note(Report(Level.ERROR, rivals))
                 if rivals != self._logged_rivals:
-                    # Their names may be known only now.
+                    # Logged again, because their names may become known later.
                     self.get_logger().error(rivals)
             self._logged_rivals = rivals
             d = self._health.diagnose(self._host, time.monotonic_ns())
@@ -221,17 +221,17 @@ class Bridge(ManagedNode):
         self._step(lambda now: self._effort(message.data, info['source_timestamp'], now))
 
     def _on_joint_command(self, message: JointState, info: dict[str, Any]) -> None:
-        """Take the shoulder's effort; a NaN is no command: ros2_control sends it before a controller is active."""
+        """Use the shoulder's effort; ignore a NaN, which ros2_control sends before a controller is active."""
         try:
             torque = shoulder_effort(message, self._shoulder)
         except ParameterError as error:
-            self.get_logger().error(f'{JOINT_COMMANDS} was not taken: {error}', throttle_duration_sec=1.0)
+            self.get_logger().error(f'{JOINT_COMMANDS} was ignored: {error}', throttle_duration_sec=1.0)
             return
         if not math.isnan(torque):
             self._step(lambda now: self._effort(torque, info['source_timestamp'], now))
 
     def _effort(self, torque: float, sent_ns: int, now: int) -> None:
-        """Hand a torque [N m] to the host unless it is too old, as after this program was stopped for a while."""
+        """Pass a torque [N m] to the host unless it is too old, for example after a pause of this program."""
         self._disarm_if_contested(now)
         age = self._command_age.measure(sent_ns, time.time_ns())
         if age <= self._command_timeout:
@@ -253,11 +253,11 @@ class Bridge(ManagedNode):
 
     def _arm(self, future: Future, now: int) -> None:
         self._arming.append(future)
-        # Another bridge of this name would be armed by the same call, and obey the same torques.
+        # The same call would arm another bridge of this name, and the same torques would drive it.
         obstacle = name_rivals(self, *self._commands) or name_others(self, self._joint_states)
         if not self.active:
             obstacle = f'the bridge is inactive; call ros2 lifecycle set {self.get_fully_qualified_name()} activate'
-        # Not while it ends: the last message to the board has to be the disarm.
+        # Not during shutdown: the last message to the board has to be the disarm.
         obstacle = 'the bridge is ending' if self.ended.is_set() else obstacle
         if obstacle:
             self._host.output.emit(ArmingEnded(obstacle))
@@ -269,7 +269,7 @@ class Bridge(ManagedNode):
         self._step(self._host.motor.disarm)
         if self._host.link == 'up':
             return True, 'disarmed'
-        return False, f'no board to tell: {self._host.condition(time.monotonic_ns()).text}'
+        return False, f'no board to disarm: {self._host.condition(time.monotonic_ns()).text}'
 
     async def _on_confirm_zeros(self) -> tuple[bool, str]:
         if others := name_others(self, self._joint_states):

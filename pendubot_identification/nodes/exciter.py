@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``exciter``: makes the rig move by the paper's pulse train, one torque for every sample that the bridge publishes."""
+"""``exciter``: moves the rig with the paper's pulse train, one torque for every sample of the bridge."""
 
 import math
 import time
@@ -20,18 +20,18 @@ from pendubot_identification.setting import Setting
 from .ownership import Driver, name_rivals
 from .runtime import SettingsNode, run
 
-#: A longer gap between two joint states [s] ends the excitation: nobody was watching the rig, or nobody moved it.
+#: Longest gap between two joint states [s]; a longer gap ends the excitation, because nothing observed the rig.
 SILENCE = 2.0
-#: All programs are discovered within this [s], and the first joint state is here; Fast DDS announces every 3 s.
+#: Time for the discovery of all programs and the first joint state [s]; Fast DDS announces every 3 s.
 DISCOVERY = 4.0
-#: Without an answer for this long [s] it asks to be armed once more.
+#: Time without an answer after which the request to arm is repeated [s].
 PATIENCE = 3.0
-#: A recorder reports once a second; without a report for this long [s] it is taken for gone.
+#: Time without a report after which a recorder, which reports once a second, counts as ended [s].
 UNRECORDED = 5.0
 
 
 class Exciter(SettingsNode):
-    """Arms, excites for the duration, and ends with zero torque and disarmed, however it ends."""
+    """Arms the bridge, excites the rig for the duration, and always ends with zero torque and disarmed."""
 
     PROGRAM = 'exciter'
     SUMMARY = (
@@ -41,10 +41,10 @@ class Exciter(SettingsNode):
     SETTINGS = (
         Setting('period', 1.0, 'time from one pulse to the next', 's', 0.01, 3600.0),
         Setting('width', 0.05, 'length of a pulse as a fraction of the period (the paper: 0.05)', '', 1e-3, 1.0),
-        Setting('amplitude_min', -1.0, 'least torque within a pulse', 'N m', -1000.0, 1000.0),
-        Setting('amplitude_max', 1.0, 'greatest torque within a pulse', 'N m', -1000.0, 1000.0),
-        Setting('hold', 0.01, 'time for which each random torque is held', 's', 1e-4, 60.0),
-        Setting('seed', 1, 'same seed, same torques', '', 0, 2**31 - 1),
+        Setting('amplitude_min', -1.0, 'smallest torque within a pulse', 'N m', -1000.0, 1000.0),
+        Setting('amplitude_max', 1.0, 'largest torque within a pulse', 'N m', -1000.0, 1000.0),
+        Setting('hold', 0.01, 'duration of each random torque', 's', 1e-4, 60.0),
+        Setting('seed', 1, 'seed of the torques', '', 0, 2**31 - 1),
         Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0),
         Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call bridge/arm'),
         Setting('recorded', False, 'whether it moves the rig only while a recorder records its joint states'),
@@ -52,8 +52,8 @@ class Exciter(SettingsNode):
 
     def _open(self, s: dict[str, Any]) -> None:
         self._pulses, self._duration, self._arms = _pulses(s), s['duration'] or math.inf, s['arm']
-        # Times [s] by the monotonic clock: of the start, the last request to arm, the beginning of the motion, the last
-        # joint state, and the end of the time in which a recorder is known to record.
+        # Times on the monotonic clock [s]: start of the program, last request to arm, start of the motion, last joint
+        # state, and expiry of the last recorder's report.
         self._born, self._asked, self._since, self._heard = time.monotonic(), -math.inf, -math.inf, -math.inf
         self._recorded = -math.inf if s['recorded'] else math.inf
         self._running = False
@@ -61,7 +61,7 @@ class Exciter(SettingsNode):
         self._start: float | None = None
         self._stamp = 0.0
         self._armed: bool | None = None
-        self._disarmed = 0  # how many reports in a row say that the bridge is not armed
+        self._disarmed = 0  # number of consecutive reports of a disarmed bridge
         self._driver = Driver(self)
         self._joint_states = self.create_subscription(JointState, 'joint_states', self._on_joint_state, 100)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
@@ -71,7 +71,7 @@ class Exciter(SettingsNode):
         _pulses(s)
 
     def _close(self) -> None:
-        """Command zero torque and disarm, unless it never drove."""
+        """Command zero torque and disarm, if it requested arming or moved the rig."""
         self._running = False
         if self._asked > 0 or self._start is not None:
             self._driver.let_go_and_wait()
@@ -83,7 +83,7 @@ class Exciter(SettingsNode):
         if fault:
             self._give_up(fault)
         elif not self._running:
-            # Discarded while disarmed; from the moment of arming on, the bridge is not left without a command.
+            # The bridge discards it while disarmed; it prevents a command timeout right after arming.
             self._driver.effort(0.0)
         else:
             self._excite(stamp)
@@ -100,34 +100,34 @@ class Exciter(SettingsNode):
             self.end()
 
     def _silence(self, stamp: float | None = None) -> str:
-        """Return a sentence if the time since the last joint state, or to this ``stamp`` [s], is too long, else ''."""
+        """Return a sentence if the gap since the last joint state, or up to ``stamp`` [s], is too long, else ''."""
         gap = time.monotonic() - max(self._since, self._heard)
         if stamp is not None and self._start is not None:
             gap = max(gap, abs(stamp - self._stamp))
         if gap <= (DISCOVERY if math.isinf(self._heard) else SILENCE):
             return ''
-        return f'stopped: no joint states for {gap:.1f} s; look at the bridge, or whether this program was held up'
+        return f'stopped: no joint states for {gap:.1f} s; check the bridge, or whether this program was delayed'
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        """Follow whether the bridge is armed, whoever armed it, and whether a recorder writes."""
+        """Update whether the bridge is armed, by any program, and whether a recorder writes."""
         for status in array.status:
             if self.ended.is_set():
                 return
             values = {value.key: value.value for value in status.values}
-            # By a recorder; before it hears the topic it is 0.
+            # From a recorder; 0 before the recorder receives the topic.
             if float(values.get(f'{self._joint_states.topic_name} rate [Hz]', 0.0)) > 0.0:
                 self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
             if status.name == self._driver.bridge.lstrip('/') and 'armed' in values:
                 self._armed = values['armed'] == 'True'
-                # A report that was under way when the motor was armed may still say the contrary.
+                # A report that was in transit at the time of arming may still contain the former state.
                 self._disarmed = 0 if self._armed else self._disarmed + 1
                 if self._running and self._disarmed > 1:
-                    self._give_up(f'stopped, for the bridge is no longer armed: {status.message}')
+                    self._give_up(f'stopped, because the bridge is no longer armed: {status.message}')
                 elif self._armed:
                     self._begin()
 
     def _supervise(self) -> None:
-        """Arm, if that is wanted, once joint states come in; give up when they no longer do, or a rival comes."""
+        """Arm, if requested, as soon as joint states arrive; give up if they stop, or at a second publisher."""
         if self.ended.is_set():
             return
         if rivals := self._driver.rivals() or name_rivals(self, self._joint_states, wait=True):
@@ -135,22 +135,22 @@ class Exciter(SettingsNode):
             return
         now, driver = time.monotonic(), self._driver
         if self._armed is False or now - self._born >= DISCOVERY:
-            # A motor that is armed may be driven by a program that was not found yet; a second would disarm it.
+            # A program that is not discovered yet may drive an armed motor; a second publisher would disarm it.
             driver.begin()
         if self._running:
             if silence := self._silence():
                 self._give_up(silence)
             elif now > self._recorded:
-                self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; look at the recorder')
+                self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; check the recorder')
         elif missing := self._missing(now):
             self.get_logger().info(missing, throttle_duration_sec=5.0)
-        # An answer may be lost where both sides have only just met, so it asks again.
+        # Repeated, because an answer may be lost right after the discovery.
         elif now - self._asked > PATIENCE and driver.publisher is not None and driver.arm.service_is_ready():
             self._asked = now
             driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _missing(self, now: float) -> str:
-        """Return a sentence on the missing condition for arming, else ''."""
+        """Return a sentence on the missing condition for arming; '' if all are met."""
         name, bridge = self._joint_states.topic_name, self._driver.bridge
         if now - self._heard > SILENCE:
             return f'waiting for {name}: start the bridge'
@@ -166,7 +166,7 @@ class Exciter(SettingsNode):
         return '' if self._arms else f'waiting to be armed: call {bridge}/arm'
 
     def _begin(self) -> None:
-        """Excite from the next sample on, unless others may still be found to drive, or nothing records it."""
+        """Start the excitation at the next sample, if the bridge receives the commands and a recorder records."""
         now = time.monotonic()
         if not (self._running or self.ended.is_set() or now > self._recorded) and self._driver.is_heard():
             self._running, self._since = True, now

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``identifier``: parameters from windows of recorded bags, latched on pendubot/params."""
+"""``identifier``: estimates parameters from windows of recorded bags and publishes them latched on pendubot/params."""
 
 import math
 import threading
@@ -38,40 +38,40 @@ from .runtime import AUTOSTART, ManagedNode, explained, run
 
 try:
     from pendubot_interfaces.action import Identify
-except ImportError:  # in a virtual environment, for which nobody built it
+except ImportError:  # not built, as in a virtual environment
     Identify = None
 
-#: Not on robot_description: a controller_manager would take the rig without its <ros2_control> element from there.
+#: Not robot_description, where a controller_manager would receive a rig without its <ros2_control> element.
 ROBOT_DESCRIPTION = 'pendubot/robot_description'
-#: Time between two feedback messages of one step [s].
+#: Interval of the feedback messages of one step [s].
 FEEDBACK_PERIOD = 0.1
 #: The parameter that lets an existing result file be overwritten.
 FORCE = 'force:=true'
-#: How options of an identification differ as ROS parameters: the text of the criterion names several.
+#: Changes of identification options as ROS parameters: the text of ``criterion`` may name several criteria.
 CHANGED: dict[str, dict[str, Any]] = {CRITERION.name: {'choices': ()}, DELAY.name: {'default': [*DELAYS], 'length': 2}}
 
 
 class Identifier(ManagedNode):
-    """Identifies when it becomes active where bags are named, and at every call of ~/identify; stays alive."""
+    """Identifies at activation if bags are set, and at every call of ~/identify; keeps running afterwards."""
 
     PROGRAM = 'identifier'
     SUMMARY = (
         'Estimates the parameters of a rig from recorded bags and publishes them, latched, on pendubot/params, with '
         'their quality on pendubot/identification and a URDF on pendubot/robot_description. Set its parameters and '
-        'call ~/identify to identify again: it answers when the result is there, with success unless that failed or is '
-        'of level ERROR. The action ~/identify reports progress and can be canceled; it needs pendubot_interfaces.'
+        'call ~/identify to identify again: it answers after the identification, with success unless that failed or '
+        'its level is ERROR. The action ~/identify reports progress and can be canceled; it needs pendubot_interfaces.'
     )
     SETTINGS = tuple(
         replace(each, dynamic=each is not AUTOSTART)
         for each in (
-            Setting('bags', [''], 'bags or files with columns that estimate, each BAG[@START:END] in seconds'),
-            Setting('validate', [''], 'bags that only validate; by default the rest of the bags'),
+            Setting('bags', [''], 'training bags or files with columns, each BAG[@START:END] in seconds'),
+            Setting('validate', [''], 'validation bags; by default the rest of the training bags'),
             replace(TOPIC, default='joint_states'),
             runtime.JOINTS,
             *(replace(option, **CHANGED.get(option.name, {})) for option in OPTIONS if option is not PER_VECTOR),
             *(option for option in CONVERSION if option not in (TOPIC, JOINTS)),
             APPLY_REMEDIES,
-            Setting('bounds', [''], 'other search intervals than the default ones, each NAME=LOW:HIGH or NAME=VALUE'),
+            Setting('bounds', [''], 'search intervals that replace the defaults, each NAME=LOW:HIGH or NAME=VALUE'),
             Setting('output', '', 'result file to write; empty: none'),
             Setting('force', False, 'whether an existing result file is overwritten'),
             AUTOSTART,
@@ -80,8 +80,8 @@ class Identifier(ManagedNode):
 
     def _open(self, s: dict[str, Any]) -> None:
         self._identification = Identification(self)
-        # The progress on /diagnostics, replaced as a whole so that no thread sees half of it; and the step of the
-        # computation, and when it was reported last [s].
+        # The progress on /diagnostics, replaced as one tuple, so that every thread reads a consistent pair; then the
+        # step of the computation and the time of its last feedback [s].
         self._progress = Level.OK, 'waiting for ~/identify'
         self._step, self._reported = '', 0.0
         Status(self, lambda: (*self._progress, {}), ': progress')
@@ -127,8 +127,8 @@ class Identifier(ManagedNode):
         return level is not Level.ERROR, text
 
     async def _on_goal(self, goal: ServerGoalHandle) -> Any:
-        given = {'bags': list(goal.request.bags), 'validate': list(goal.request.validate)}
-        level, text = await self._identified(self.settings() | {k: v for k, v in given.items() if v}, goal)
+        request = {'bags': list(goal.request.bags), 'validate': list(goal.request.validate)}
+        level, text = await self._identified(self.settings() | {k: v for k, v in request.items() if v}, goal)
         if level is not Level.ERROR:
             goal.succeed()
         elif goal.is_cancel_requested:
@@ -154,7 +154,7 @@ class Identifier(ManagedNode):
         return await self._start(s, goal)
 
     def _start(self, s: dict[str, Any], goal: ServerGoalHandle | None = None) -> Future:
-        """Identify in a process of its own, so that the node answers meanwhile; return level and headline to come."""
+        """Start the identification in its own process, while the node answers; return a future level and headline."""
         self._outcome, self._computation, self._goal = Future(), Computation(), goal
         threading.Thread(target=self._work, args=(s, self._computation, self._outcome), daemon=True).start()
         return self._outcome
@@ -171,7 +171,7 @@ class Identifier(ManagedNode):
         self.answer(outcome, (level, text))
 
     def _on_progress(self, step: str, done: int, of: int, best: float) -> None:
-        """Take the step, how much of it is done, of how much (0: not known), and the best J or NaN."""
+        """Report the step, its completed and total amount (0: unknown), and the best J or NaN."""
         now = time.monotonic()
         begins, self._step = step != self._step, step
         text = step + (f', {done} of {of}' if of else '') + ('' if math.isnan(best) else f', J = {best:.4e}')
@@ -198,7 +198,7 @@ class Identifier(ManagedNode):
             if output is not None:
                 write_atomically(output, result_text(result), overwrite=s['force'], force=FORCE)
         except ResultError as error:
-            # The parameters are none the worse for it, so they are published with their own level.
+            # The parameters are still valid, so they are published with their own level.
             level, text = Level.ERROR, str(error)
             self.get_logger().error(text)
         theta = result.theta.vector(result.model)
@@ -207,7 +207,7 @@ class Identifier(ManagedNode):
         return level, text
 
     def _describe(self, result: Result, link_length: float) -> None:
-        """Publish the rig with these parameters as a URDF, if masses exist that have them."""
+        """Publish the rig as a URDF, if the parameters correspond to physical masses."""
         try:
             text, _ = export(result, 'urdf', link_length or None)
         except PendubotError as error:
@@ -217,7 +217,7 @@ class Identifier(ManagedNode):
 
 
 def identification_values(result: Result) -> dict[str, Any]:
-    """Return the entries of a result under flat names; matrices and single runs are only in the result file.
+    """Return the entries of a result under flat names, without matrices and single runs.
 
     ``P1``, ``P1.std_error``, ``P1.unit``, ``J.training``, ``prediction.error``, ``criterion``, ``bags.0.bag``,
     ``warnings.0``, ``criteria.energy.P1`` ...
@@ -228,7 +228,7 @@ def identification_values(result: Result) -> dict[str, Any]:
         if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
             values |= flat(key, entry)
     for name, answer in data['criteria'].items():
-        J = {which: answer['J'][which] for which in ('training', 'validation', 'unit')}
+        J = {key: answer['J'][key] for key in ('training', 'validation', 'unit')}
         brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
         values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The messages of the nodes: joint states, parameters with their quality, and statuses on /diagnostics."""
+"""The messages of the nodes: joint states, parameters with their quality, and status messages on /diagnostics."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -21,24 +21,24 @@ from pendubot_identification.model.parameters import NAMES
 
 from .topics import quality
 
-#: A subscriber that joins later still receives the last message.
+#: Quality of service with which a later subscriber still receives the last message.
 LATCHED = quality(1, reliable=True, latched=True)
 
 
 def shoulder_effort(m: JointState, shoulder: str) -> float:
-    """Return the shoulder's effort [N m] of a command for joints.
+    """Return the shoulder's effort [N m] in a joint command.
 
-    ros2_control names all joints, but lists efforts of those alone that have an effort command interface. So a single
-    effort is the shoulder's; otherwise there must be one for each name.
+    ros2_control names all joints, but lists only the efforts of joints with an effort command interface. So a single
+    effort belongs to the shoulder; otherwise every name needs an effort.
 
     Raises:
-        ParameterError: the shoulder has no effort, or another joint has one, which no motor can apply.
+        ParameterError: the shoulder has no effort, or a joint without a motor has an effort.
     """
     names, efforts = list(m.name), list(m.effort)
     if shoulder not in names or not efforts or len(efforts) not in (1, len(names)):
         raise ParameterError(
             f'it has {len(efforts)} efforts for the joints {", ".join(names) or "none"}; the effort of {shoulder} is '
-            'expected: give that joint alone an effort command interface'
+            'expected: give only that joint an effort command interface'
         )
     by_name = dict(zip([shoulder] if len(efforts) == 1 else names, efforts, strict=True))
     if others := [name for name, effort in by_name.items() if name != shoulder and effort and not math.isnan(effort)]:
@@ -50,10 +50,10 @@ def shoulder_effort(m: JointState, shoulder: str) -> float:
 
 
 def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, Pair, float]:
-    """Return when a sample was taken [s], shoulder's and elbow's position [rad], and the shoulder's effort [N m].
+    """Return the stamp of a sample [s], the positions of shoulder and elbow [rad], and the shoulder's effort [N m].
 
     Raises:
-        ControlError: it lacks one of these.
+        ControlError: a position or the effort is missing.
     """
     try:
         shoulder, elbow = (list(m.name).index(name) for name in names)
@@ -61,7 +61,7 @@ def joint_sample(m: JointState, names: Sequence[str]) -> tuple[float, Pair, floa
     except (ValueError, IndexError):
         raise ControlError(
             f'joint_states has {list(m.name)}; positions of {list(names)} and the effort of the first are expected: '
-            'look at joint_names'
+            'check joint_names'
         ) from None
     return m.header.stamp.sec + m.header.stamp.nanosec * 1e-9, q, effort
 
@@ -77,9 +77,9 @@ def parameters_message(theta: Array) -> Float64MultiArray:
 def status_message(
     node: Node, name: str, level: Level, summary: str, values: Mapping[str, Any], rig: str = ''
 ) -> DiagnosticArray:
-    """Return one status with its values by name, in full precision, stamped with ROS time.
+    """Return a status message with values by name, in full precision, stamped with ROS time.
 
-    The stamp is the system's time where use_sim_time is set and nobody has published on /clock yet.
+    The stamp is the system time while use_sim_time is set and /clock has no message yet.
     """
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     status = DiagnosticStatus(level=bytes([level]), name=name, message=summary, hardware_id=rig, values=pairs)
@@ -90,9 +90,9 @@ def status_message(
 
 
 class Status:
-    """The status of a node, or of a part of it, on /diagnostics: once a second the ``diagnosis`` at the moment.
+    """Publishes the present ``diagnosis`` of a node, or of a ``part`` of it, on /diagnostics once a second.
 
-    Its name is ``bridge`` for /bridge and ``lab1/bridge`` for /lab1/bridge, because all rigs share the topic.
+    The status name is ``bridge`` for /bridge and ``lab1/bridge`` for /lab1/bridge, because all rigs share the topic.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Status:
 
 
 class Identification:
-    """Publishes parameters, latched, on pendubot/params and their quality on pendubot/identification."""
+    """Publishes parameters on pendubot/params and their quality on pendubot/identification, both latched."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -118,14 +118,14 @@ class Identification:
         self._quality = node.create_publisher(DiagnosticArray, 'pendubot/identification', LATCHED)
 
     def publish(self, level: Level, summary: str, values: Mapping[str, Any], theta: Array | None = None) -> None:
-        """Publish the quality first, so that a receiver of the parameters, if any, can already know it."""
+        """Publish the quality, and then the parameters, if any, so that their receiver already has the quality."""
         self._quality.publish(status_message(self._node, 'pendubot identification', level, summary, values))
         if theta is not None:
             self._params.publish(parameters_message(theta))
 
 
 def parameter_values(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters of a result under the names ``P1``, ``P1.std_error``, ``P1.unit`` and so on."""
+    """Return the parameters of a result under the names ``P1``, ``P1.std_error``, ``P1.unit`` and so on."""
     return {name.removesuffix('.value'): value for name, value in flat('', parameters).items()}
 
 

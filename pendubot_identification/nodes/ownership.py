@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One owner of the motor: publishers of a topic that only one program may publish, and the way to the bridge."""
+"""Exclusive ownership of the motor: detection of second publishers, and the client of the bridge."""
 
 import threading
 import time
@@ -17,21 +17,21 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 EFFORT_COMMAND = 'pendubot/effort_command'
-#: The same as sensor_msgs/JointState, as ros2_control's joint_state_topic_hardware_interface publishes it.
+#: Effort commands as sensor_msgs/JointState, from ros2_control's joint_state_topic_hardware_interface.
 JOINT_COMMANDS = 'pendubot/joint_commands'
-#: The name that rmw gives an endpoint's node before it is known, and how long that may take [s].
+#: The rmw's placeholder for an unknown node name, and the longest wait for the name [s].
 UNKNOWN, PATIENCE = '_NODE_NAME_UNKNOWN_', 2.0
 
 
 def _full_name(info: TopicEndpointInfo) -> str:
-    """Return the name of an endpoint's node with its namespace."""
+    """Return the full name of an endpoint's node."""
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
 def _name_publishers(node: Node, topics: Sequence[str], count: int, wait: bool) -> str:
-    """Return a sentence that names the ``count`` publishers of topics of which there must be one in all.
+    """Return a sentence that names the ``count`` publishers of topics that together permit one publisher.
 
-    DDS knows a publisher before the name of its node. With ``wait`` it waits for the names, for ``PATIENCE`` at most.
+    DDS discovers a publisher before its node's name. With ``wait`` it waits at most ``PATIENCE`` for the names.
     """
     deadline = time.monotonic() + PATIENCE * wait
     while True:
@@ -53,32 +53,32 @@ def _name_publishers(node: Node, topics: Sequence[str], count: int, wait: bool) 
 
 
 def name_rivals(node: Node, *subscriptions: Subscription, wait: bool = False) -> str:
-    """Return a sentence that names the publishers of subscriptions if there are several in all, else ''.
+    """Return a sentence that names the publishers of subscriptions if there is more than one in total, else ''.
 
-    With ``wait`` it waits until their names are known.
+    With ``wait`` it waits for their names.
     """
     count = sum(subscription.get_publisher_count() for subscription in subscriptions)
     return _name_publishers(node, [each.topic_name for each in subscriptions], count, wait) if count > 1 else ''
 
 
 def name_others(node: Node, publisher: Publisher) -> str:
-    """Return a sentence that names the publishers of a topic if a node's own is not the only one, else ''."""
+    """Return a sentence that names the publishers of a topic if a node's own publisher is not the only one, else ''."""
     count = node.count_publishers(publisher.topic_name)
     return _name_publishers(node, [publisher.topic_name], count, wait=False) if count > 1 else ''
 
 
 class Driver:
-    """A node's way to a bridge: its effort commands, from :meth:`begin` on, and the services that arm and disarm.
+    """A node's client of a bridge: effort commands, from :meth:`begin` on, and the services that arm and disarm.
 
     ``bridge`` is the full name of the bridge: ``bridge`` in the node's namespace, or as remapped. ``publisher`` is None
-    before :meth:`begin` and after :meth:`end`: only a program that drives publishes effort commands.
+    before :meth:`begin` and after :meth:`end`, so that only the program that drives the motor is a publisher.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self.publisher: Publisher | None = None
         self.bridge = node.resolve_service_name('bridge/arm').removesuffix('/arm')
-        # A group of its own: answers come while a service of the node waits for them.
+        # A separate group, so that answers arrive while a service of the node waits for them.
         group = ReentrantCallbackGroup()
         self.arm = node.create_client(Trigger, 'bridge/arm', callback_group=group)
         self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=group)
@@ -89,7 +89,7 @@ class Driver:
             self.publisher = self._node.create_publisher(Float64, EFFORT_COMMAND, 1)
 
     def is_heard(self, patience: float = 0.0) -> bool:
-        """Return whether the bridge receives the effort commands, as recorders may, too; wait for it so long [s]."""
+        """Return whether the bridge subscribes to the effort commands, after at most ``patience`` [s]."""
         deadline = time.monotonic() + patience
         while self.publisher is not None:
             infos = self._node.get_subscriptions_info_by_topic(self.publisher.topic_name)
@@ -105,30 +105,30 @@ class Driver:
         return f'{self.bridge} does not subscribe to {topic}: remap {EFFORT_COMMAND} as you did for the bridge'
 
     def end(self) -> None:
-        """Publish no effort commands from now on."""
+        """Stop publishing effort commands."""
         if self.publisher is not None:
             self._node.destroy_publisher(self.publisher)
             self.publisher = None
 
     def effort(self, torque: float) -> None:
-        """Command a torque [N m], once :meth:`begin` was called."""
+        """Publish a torque [N m], if :meth:`begin` was called."""
         if self.publisher is not None:
             self.publisher.publish(Float64(data=torque))
 
     def let_go(self) -> Future:
-        """Command zero torque and disarm; return the bridge's answer to come."""
+        """Command zero torque and disarm; return the future answer of the bridge."""
         self.effort(0.0)
         return self.disarm.call_async(Trigger.Request())
 
     def let_go_and_wait(self) -> None:
-        """Command zero torque and disarm; wait, for a second at most, until the bridge has answered."""
+        """Command zero torque and disarm; wait at most a second for the answer of the bridge."""
         answered = threading.Event()
         self.let_go().add_done_callback(lambda _: answered.set())
         if not answered.wait(1.0):
-            self._node.get_logger().warning('the bridge did not answer to disarm; look whether it has done so')
+            self._node.get_logger().warning('the bridge did not answer to disarm; check that it is disarmed')
 
     def rivals(self) -> str:
-        """Return a sentence that names the publishers of commands if another program is one, else ''."""
+        """Return a sentence that names the publishers of commands if another program has a publisher, else ''."""
         topics = [self._node.resolve_topic_name(topic) for topic in (EFFORT_COMMAND, JOINT_COMMANDS)]
         count = sum(self._node.count_publishers(topic) for topic in topics)
         own = self.publisher is not None

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``player``: publishes a bag again, at its own pace, and beside it the motion that an identified rig makes of it."""
+"""``player``: publishes the messages of a bag, and optionally the motion of an identified rig under its torque."""
 
 import math
 import threading
@@ -32,31 +32,31 @@ from .runtime import JOINTS, SettingsNode, run
 from .topics import as_recorded, message_class
 
 SECOND = 1_000_000_000
-DEPTH = 1000  #: Messages kept for subscribers that are slow, or that have to be sent again.
-DELIVERY = 2.0  #: Longest delivery of the last messages [s].
+DEPTH = 1000  #: Number of messages kept for slow subscribers and for retransmission.
+DELIVERY = 2.0  #: Longest wait for the delivery of the last messages [s].
 COMMAND = 'std_msgs/msg/Float64'  #: The type of effort commands.
 SHARED = ('/clock', '/diagnostics', '/parameter_events', '/rosout')  #: Topics that are the same in every namespace.
-RESTART = 1.0  #: A simulation begins anew from the recorded state this often [s]: the rig's motion is chaotic.
+RESTART = 1.0  #: Interval of restarts of the simulation from the recorded state [s]: the rig's motion is chaotic.
 
 
 class Ghost:
-    """An identified rig, simulated by the recorded torque from a recorded state on, for a second at a time.
+    """The simulation of an identified rig under the recorded torque, restarted from the recorded state every second.
 
     Raises:
-        PendubotError: the result cannot be read, or no rig has its parameters.
+        PendubotError: the result cannot be read, or its parameters are unphysical.
     """
 
-    def __init__(self, node: Node, result: Path, joint_names: Sequence[str]) -> None:
-        found, self._names = read_result(result), joint_names
-        self._plant = LatePlant(found.theta, max(found.effort.delay, 0.0))
+    def __init__(self, node: Node, path: Path, joint_names: Sequence[str]) -> None:
+        result, self._names = read_result(path), joint_names
+        self._plant = LatePlant(result.theta, max(result.effort.delay, 0.0))
         self._publisher = node.create_publisher(JointState, 'ghost/joint_states', 1000)
         self._t = self._begun = -math.inf
         self._q, self._effort = HANGING, (0.0, 0.0)
 
     def follow(self, data: bytes) -> None:
-        """Publish its state at the time of a recorded message of joint states; raise ControlError if that lacks some.
+        """Publish the simulated state at the time of a recorded message; raise ControlError if that is incomplete.
 
-        Velocities that were not recorded are taken from two samples.
+        Missing velocities are computed from two samples.
         """
         message = deserialize_message(data, JointState)
         t, q, effort = joint_sample(message, self._names)
@@ -76,20 +76,19 @@ class Ghost:
 
 
 class Player(SettingsNode):
-    """A thread publishes when a message is due."""
+    """Publishes each message of a bag, in a separate thread, at its due time."""
 
     PROGRAM = 'player'
     SUMMARY = (
-        "Publishes a bag's messages byte for byte, with the quality of service and at the pace at which they were "
-        'recorded, on their topics or, in a namespace, on these topics within it; then it ends. Effort commands '
-        '(std_msgs/Float64) would move an armed rig: they are played only where topics names them. ros2 bag play does '
-        'more, where there is one.'
+        "Publishes a bag's messages byte for byte, with the recorded quality of service and timing, then ends. In a "
+        'namespace, the topics are within it. Effort commands (std_msgs/Float64) would move an armed rig: they are '
+        'played only if topics contains them. ros2 bag play has more options.'
     )
     SETTINGS = (
         Setting('bag', '', 'the bag, BAG or BAG@START:END in seconds from its first message: a folder or .mcap file'),
-        Setting('topics', [''], 'the topics to play; one empty name: all but effort commands'),
-        Setting('rate', 1.0, 'how many times as fast as recorded', '', 0.001, 1000.0),
-        Setting('wait', 0.0, 'wait at most so long until somebody subscribes to every topic', 's', 0.0, 3600.0),
+        Setting('topics', [''], 'the topics to play; one empty name: all except effort commands'),
+        Setting('rate', 1.0, 'speed relative to the recording', '', 0.001, 1000.0),
+        Setting('wait', 0.0, 'longest wait until every topic has a subscriber', 's', 0.0, 3600.0),
         Setting('ghost', '', 'result file, whose rig is simulated beside the bag on ghost/joint_states; empty: none'),
         JOINTS,
     )
@@ -122,33 +121,33 @@ class Player(SettingsNode):
         self._wanted(s)
 
     def _close(self) -> None:
-        """Stop playing, and raise PendubotError if the bag could not be read to its end."""
+        """Stop playing; raise PendubotError if the bag could not be read to its end."""
         self.ended.set()
         self._thread.join(DELIVERY + 1.0)
         if self._failure is not None:
             raise self._failure
 
     def _wanted(self, s: dict[str, Any]) -> set[str]:
-        """Return the full names of the topics to play; not remapped, because they are names in a bag."""
+        """Return the full names of the topics to play, not remapped, because they are names in a bag."""
         return set(self.resolved([name for name in s['topics'] if name], only_expand=True))
 
     def _chosen(self, wanted: set[str]) -> dict[str, str]:
         """Return the types of the topics to play, by their names in the bag, or raise BagError if one is missing."""
-        there = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
+        recorded = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
         if wanted:
-            found = {name: kind for name, kind in there.items() if {name, self._published(name)} & wanted}
+            chosen = {name: kind for name, kind in recorded.items() if {name, self._published(name)} & wanted}
         else:
-            wanted = {'any topic but effort commands'}
-            found = {name: kind for name, kind in there.items() if kind != COMMAND}
-            for name in sorted(there.keys() - found.keys()):
+            wanted = {'any topic except effort commands'}
+            chosen = {name: kind for name, kind in recorded.items() if kind != COMMAND}
+            for name in sorted(recorded.keys() - chosen.keys()):
                 self.get_logger().info(f'{name} would move an armed rig; name it in topics to play it')
-        if len(found) < len(wanted):
-            on = ', '.join(sorted(wanted))
-            raise BagError(f'{self._reader.path} holds nothing on {on}; its topics are {", ".join(there)}')
-        return found
+        if len(chosen) < len(wanted):
+            missing = ', '.join(sorted(wanted))
+            raise BagError(f'{self._reader.path} has no messages on {missing}; its topics are {", ".join(recorded)}')
+        return chosen
 
     def _published(self, name: str) -> str:
-        """Return where a topic of the bag is published: in this node's namespace, unless all rigs share it."""
+        """Return the name under which a topic is published: in this node's namespace, unless all rigs share it."""
         namespace = self.get_namespace().rstrip('/')
         return name if name in SHARED or name.startswith(f'{namespace}/') else namespace + name
 
@@ -175,7 +174,7 @@ class Player(SettingsNode):
         self.end(1 if self._failure else 0)
 
     def _play_file(self, file: McapFile) -> int:
-        """Return how many messages were played until the file or the program ended."""
+        """Play a file until its end or the end of the program; return the number of played messages."""
         count = 0
         for messages in file.messages(self._publishers_of, self._first_ns, self._end_ns):
             for message in messages:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``recorder``: writes topics of any type, byte for byte, into a bag."""
+"""``recorder``: records topics of any type, byte for byte, in a bag."""
 
 import threading
 import time
@@ -26,18 +26,18 @@ from .messages import Status
 from .runtime import AUTOSTART, ManagedNode, run
 from .topics import DEPTH, Fetcher, message_class, recorded, weakest
 
-DISCOVERY_PERIOD = 0.1  #: Between two searches for new publishers [s].
-FETCH_PERIOD = 0.01  #: Between two fetches of messages from the middleware [s].
-FLUSH_PERIOD = 0.05  #: Between two flushes to the system, which keeps messages through a SIGKILL [s].
-SYNC_PERIOD = 1.0  #: Between two writes to the disk, which keeps messages through a power cut, and counts [s].
-PATIENCE = 5.0  #: After this time topics that nobody publishes are named in a warning [s].
+DISCOVERY_PERIOD = 0.1  #: Period of the search for new publishers [s].
+FETCH_PERIOD = 0.01  #: Period of fetching messages from the middleware [s].
+FLUSH_PERIOD = 0.05  #: Period of flushes to the system, after which messages survive a SIGKILL [s].
+SYNC_PERIOD = 1.0  #: Period of writes to the disk, after which messages and counts survive a power cut [s].
+PATIENCE = 5.0  #: Time after which a warning lists the topics without a publisher [s].
 
 
 @dataclass
 class Topic:
-    """A topic to record: its channel in the bag, its statistics, and why some messages are missing."""
+    """A topic to record: its channel in the bag, its statistics, and the cause of missing messages."""
 
-    channel: int = -1  #: Negative before anybody publishes it.
+    channel: int = -1  #: Negative before the first publisher.
     flow: Flow = field(default_factory=Flow)
     publishers: int = 1
     latest_ns: int = 0  #: The latest log time.
@@ -45,23 +45,23 @@ class Topic:
 
 
 class Recorder(ManagedNode):
-    """Subscribes to every topic as soon as somebody publishes it, and writes its messages.
+    """Subscribes to every topic as soon as it has a publisher, and writes its messages.
 
-    The executor fetches and writes a hundred times a second; a thread of its own waits for the disk, so that a slow one
-    delays nobody.
+    The executor fetches and writes a hundred times a second. A separate thread waits for the disk, so that a slow disk
+    delays no other work.
     """
 
     PROGRAM = 'recorder'
     SUMMARY = (
         'Records topics of any type into a bag (MCAP) that ros2 bag and pendubot read. Topics may appear later than '
         'the recorder; each is recorded as its publishers offer it. SIGINT, SIGTERM and a disk that fills close the '
-        'bag; after SIGKILL it holds all but the last moments.'
+        'bag; after SIGKILL only the last moments are missing.'
     )
     SETTINGS = (
         Setting('output', '', "the bag's folder, which must not exist; empty: pendubot_<UTC date-time> in this folder"),
         Setting('topics', ['joint_states', 'pendubot/effort_command'], 'the topics to record'),
-        Setting('reserve', 100_000_000, 'the bag is closed before the disk has less than this left', 'bytes', 0),
-        Setting('max_messages', 0, 'end after so many messages of the first topic; 0: when stopped', minimum=0),
+        Setting('reserve', 100_000_000, 'free space on the disk below which the bag is closed', 'bytes', 0),
+        Setting('max_messages', 0, 'number of messages of the first topic; 0: until stopped', minimum=0),
         AUTOSTART,
     )
 
@@ -86,7 +86,7 @@ class Recorder(ManagedNode):
         self._resolved(s['topics'])
 
     def _deactivate(self) -> None:
-        """Pause, once all that has come is written; the next activation goes on in the same bag."""
+        """Write all received messages, then pause; the next activation continues the same bag."""
         self._fetcher.fetch_all()
 
     def _close(self) -> None:
@@ -101,12 +101,12 @@ class Recorder(ManagedNode):
             self.get_logger().info(f'{name}: {topic.flow.count} messages')
         if self._failure is not None:
             self._status.publish(Level.ERROR, str(self._failure), {})
-            # Else the program is gone before anybody has it.
+            # Otherwise the program ends before a subscriber receives the status.
             self._status.publisher.wait_for_all_acked(Duration(seconds=1))
             raise self._failure
 
     def _guarded(self, action: Callable[[], object]) -> bool:
-        """Do something with the bag; if the system refuses, the program ends with the complete part of the bag."""
+        """Execute an action on the bag; if writing fails, end the program and keep the complete part of the bag."""
         try:
             if not self._ending.is_set():
                 action()
@@ -131,7 +131,7 @@ class Recorder(ManagedNode):
                 trouble = self._follow(name, types[0], publishers)
             elif types:
                 trouble = f'{name} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
-                # A channel has one type; a stranger must not end a recording that runs.
+                # A channel has one type; a wrong publisher must not end a running recording.
                 if not topic.flow.count:
                     raise BagError(trouble)
             if trouble and trouble != topic.trouble:
@@ -143,20 +143,20 @@ class Recorder(ManagedNode):
             self.get_logger().warning(f'nobody publishes {", ".join(missing)} yet; still waiting')
 
     def _follow(self, name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> str:
-        """Subscribe, or again where the publishers there now are others; return who is not heard, if anybody."""
-        topic, known = self._topics[name], self._fetcher.subscriptions.get(name)
-        if known is None or not _heard(publishers, known.qos_profile):
+        """Subscribe, again if no publisher is compatible; return a sentence on incompatible publishers, else ''."""
+        topic, subscription = self._topics[name], self._fetcher.subscriptions.get(name)
+        if subscription is None or not _compatible(publishers, subscription.qos_profile):
             offered = [recorded(publisher.qos_profile) for publisher in publishers]
             message_type = message_class(name, type_name)
             if topic.channel < 0:
                 topic.channel = self._bag.add_topic(name, type_name, *offered)
-            known = self._fetcher.subscribe(name, message_type, weakest(offered, DEPTH))
-            self._sync_due.set()  # metadata.yaml names the topic
+            subscription = self._fetcher.subscribe(name, message_type, weakest(offered, DEPTH))
+            self._sync_due.set()  # adds the topic to metadata.yaml
             self.get_logger().info(f'recording {name} [{type_name}]')
-        # Else a lost message is taken for another publisher's first one.
+        # Distinguishes a lost message from another publisher's first message.
         topic.publishers = len(publishers)
-        deaf = len(publishers) - _heard(publishers, known.qos_profile)
-        return f'{name}: {deaf} of {len(publishers)} publishers offer less and are not heard' if deaf else ''
+        missed = len(publishers) - _compatible(publishers, subscription.qos_profile)
+        return f'{name}: {missed} of {len(publishers)} publishers offer less and are not recorded' if missed else ''
 
     def _take(self, name: str, data: bytes, info: dict[str, Any]) -> None:
         topic = self._topics[name]
@@ -165,7 +165,7 @@ class Recorder(ManagedNode):
             return
         received_ns = info['received_timestamp'] or time.time_ns()
         published_ns = info['source_timestamp'] or received_ns
-        # A message that had to be sent again was received later than the next one; players go by log time.
+        # A retransmitted message arrives after its successor; players use the log time.
         topic.latest_ns = max(received_ns, topic.latest_ns)
         number = topic.flow.count + 1
         if self._guarded(lambda: self._bag.write(topic.channel, data, topic.latest_ns, published_ns, number)):
@@ -186,12 +186,12 @@ class Recorder(ManagedNode):
         elapsed, self._diagnosed = max(now - self._diagnosed, 1e-3), now
         flows = {name: topic.flow for name, topic in self._topics.items()}
         troubles = tuple(topic.trouble for topic in self._topics.values() if topic.trouble)
-        found = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
-        return found.level, found.message, {'bag': self._bag.path} | found.values
+        diagnosis = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
+        return diagnosis.level, diagnosis.message, {'bag': self._bag.path} | diagnosis.values
 
 
-def _heard(publishers: list[TopicEndpointInfo], qos: QoSProfile) -> int:
-    """Return how many of the publishers a subscription of this quality hears."""
+def _compatible(publishers: list[TopicEndpointInfo], qos: QoSProfile) -> int:
+    """Return the number of publishers that are compatible with a subscription of this quality of service."""
     return sum(qos_check_compatible(p.qos_profile, qos)[0] != QoSCompatibility.ERROR for p in publishers)
 
 

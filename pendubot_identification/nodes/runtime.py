@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The frame of every node: parameters with descriptors, ``--help``, signals, one-line errors, exit status."""
+"""The base classes of the nodes: parameters with descriptors, ``--help``, signals, one-line errors, exit status."""
 
 import math
 import sys
@@ -40,47 +40,47 @@ from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from .shutdown import Shutdown, at_signal, ignore_signals
 
-#: The joints that a node reads or publishes.
+#: Setting for the joints that a node reads or publishes.
 JOINTS = Setting('joint_names', list(JOINT_NAMES), 'the two joints in joint_states', length=2, distinct=True)
-#: Of nodes with a lifecycle.
-AUTOSTART = Setting('autostart', True, 'whether it becomes active by itself; otherwise by ros2 lifecycle set')
+#: Setting of nodes with a lifecycle.
+AUTOSTART = Setting('autostart', True, 'whether the node activates itself; otherwise call ros2 lifecycle set')
 
 
 def descriptor(setting: Setting) -> ParameterDescriptor:
     """Return the ROS descriptor of a setting: description with unit, and range."""
-    made = ParameterDescriptor(name=setting.name, description=setting.help())
+    result = ParameterDescriptor(name=setting.name, description=setting.help())
     default, low, high = setting.default, setting.minimum, setting.maximum
     if setting.choices or isinstance(default, list):
-        made.additional_constraints = setting.expected()
+        result.additional_constraints = setting.expected()
     elif math.isfinite(low) or math.isfinite(high):
         low = min(low, default) if setting.optional else low
         if isinstance(default, int):
             low, high = max(low, -(2**63)), min(high, 2**63 - 1)
-            made.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
+            result.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
         else:
-            made.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-    return made
+            result.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    return result
 
 
-def _as_number(given: Parameter, setting: Setting | None) -> Parameter:
-    """Return a parameter as its setting has it, with a decimal point, where it came without: ``1``, or 1e-09 as a text.
+def _as_number(parameter: Parameter, setting: Setting | None) -> Parameter:
+    """Return a parameter converted to float, if its setting is a float and the value is an integer or a text.
 
-    Without a dot that is no number in YAML 1.1; ``ros2 param`` sets it, and a list with it, as a text.
+    ``1e-09`` without a dot is no number in YAML 1.1; ``ros2 param`` sets it, and a list with it, as a text.
     """
-    value, kind = given.value, type(setting.default) if setting else None
+    value, kind = parameter.value, type(setting.default) if setting else None
     with suppress(ValueError, TypeError):
         if kind is float and type(value) in (int, str):
-            return Parameter(given.name, value=float(value))
+            return Parameter(parameter.name, value=float(value))
         if kind is list and setting is not None and isinstance(setting.default[0], float):
             parts = value.strip('[]').split(',') if isinstance(value, str) else value
-            return Parameter(given.name, value=[float(each) for each in parts])
-    return given
+            return Parameter(parameter.name, value=[float(part) for part in parts])
+    return parameter
 
 
 class SettingsNode(Node):
-    """A node whose parameters are a table of :class:`Setting` and which ends cleanly.
+    """A node with a table of :class:`Setting` as parameters and a clean shutdown.
 
-    A subclass overrides :meth:`_check`, :meth:`_open` and :meth:`_close`. ``ended`` is set when the program is to end.
+    A subclass overrides :meth:`_check`, :meth:`_open` and :meth:`_close`. ``ended`` requests the end of the program.
     """
 
     PROGRAM: str
@@ -99,22 +99,22 @@ class SettingsNode(Node):
         """Declare the parameters.
 
         Raises:
-            ParameterError: one of them makes no sense or does not exist, or a parameter file is for other nodes.
+            ParameterError: a parameter is invalid or unknown, or a parameter file is for other nodes.
         """
         files = [path for option, path in pairwise(sys.argv) if option == '--params-file']
         for path in files:
             refuse_untaken(path, self.get_fully_qualified_name())
-        given, known = self._parameter_overrides, {setting.name: setting for setting in self.SETTINGS}
-        given |= {name: _as_number(given[name], known[name]) for name in known.keys() & given.keys()}
+        overrides, known = self._parameter_overrides, {setting.name: setting for setting in self.SETTINGS}
+        overrides |= {name: _as_number(overrides[name], known[name]) for name in known.keys() & overrides.keys()}
         for name, setting in known.items():
             described = descriptor(setting)
             described.read_only = self._is_read_only(setting)
             try:
                 self.declare_parameter(name, setting.default, described)
             except ParameterException as error:
-                raise setting.refusal(given[name].value) from error
+                raise setting.refusal(overrides[name].value) from error
         self._refuse_unknown(files)
-        self._refuse_senseless(self.settings())
+        self._refuse_invalid(self.settings())
         self.add_pre_set_parameters_callback(lambda changed: [_as_number(p, known.get(p.name)) for p in changed])
         self.add_on_set_parameters_callback(self._on_set)
         self.add_post_set_parameters_callback(lambda _: self._change(self.settings()))
@@ -128,34 +128,34 @@ class SettingsNode(Node):
         self._close()
 
     def settings(self, changed: Sequence[Parameter] = ()) -> dict[str, Any]:
-        """Return the value of every setting, changed ones included: arrays as lists, None if it is left open."""
-        given = {p.name: p for p in changed}
+        """Return the value of every setting, with these changes: arrays as lists, None if it is left open."""
+        changes = {p.name: p for p in changed}
         values = {}
         for setting in self.SETTINGS:
-            value = given.get(setting.name, self.get_parameter_or(setting.name)).value
+            value = changes.get(setting.name, self.get_parameter_or(setting.name)).value
             if value is None:  # an empty list, which has no type in ROS
                 raise setting.refusal('empty')
             values[setting.name] = setting.of_ros(value)
         return values
 
     def _is_read_only(self, setting: Setting) -> bool:
-        """Return whether a setting counts at the start of the program alone."""
+        """Return whether a setting takes effect only at the start of the program."""
         return not setting.dynamic
 
     def _check(self, s: dict[str, Any]) -> None:
-        """Refuse settings that make no sense together, or at this moment, by ParameterError."""
+        """Raise ParameterError if settings are inconsistent, or not permitted in the present state."""
 
     def _change(self, s: dict[str, Any]) -> None:
         """Apply changed settings."""
 
     def _open(self, s: dict[str, Any]) -> None:
-        """Open ports, files, topics and services by the settings."""
+        """Open ports, files, topics and services according to the settings."""
 
     def _close(self) -> None:
-        """Close them; ROS still works, so that commands sent here arrive."""
+        """Close ports, files, topics and services; ROS still works, so that a last command arrives."""
 
     def create_timer(self, period: float, callback: Callable[[], object]) -> Timer:
-        """Call something every ``period`` [s] of real time, even where use_sim_time is set and /clock stands still."""
+        """Call a function every ``period`` [s] of real time, even if use_sim_time is set and /clock stands still."""
         return super().create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def end(self, status: int = 0) -> None:
@@ -164,7 +164,7 @@ class SettingsNode(Node):
         self.ended.set()
 
     def log(self, level: Level, text: str) -> None:
-        """Log a text; rclpy wants every line of code that logs to keep to one severity."""
+        """Log a text; rclpy requires that each logging line of code uses one severity."""
         if level is Level.ERROR:
             self.get_logger().error(text)
         elif level is Level.WARN:
@@ -173,9 +173,9 @@ class SettingsNode(Node):
             self.get_logger().info(text)
 
     def _refuse_unknown(self, files: Sequence[str]) -> None:
-        """Refuse parameters that do not exist: a limit that is misspelt would not limit anything.
+        """Refuse unknown parameters, because a misspelt limit would have no effect.
 
-        A section of a file that is for all nodes may have parameters of the package's other nodes.
+        A section for all nodes may have parameters of the package's other nodes.
         """
         # Topics declare their qos_overrides later.
         names = self._parameter_overrides
@@ -187,7 +187,7 @@ class SettingsNode(Node):
             raise ParameterError(f'{self.PROGRAM} has no parameter {name}; {near}? --help lists them all')
 
     def serve(self, name: str, answer: Callable[[], Awaitable[tuple[bool, str]]]) -> None:
-        """Serve a std_srvs/Trigger by a coroutine that returns success and message; others are served meanwhile."""
+        """Serve a std_srvs/Trigger concurrently, by a coroutine that returns success and message."""
 
         async def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             response.success, response.message = await answer()
@@ -196,20 +196,20 @@ class SettingsNode(Node):
         self.create_service(Trigger, name, respond, callback_group=ReentrantCallbackGroup())
 
     def answer(self, future: Future, outcome: object) -> None:
-        """Give a coroutine that awaits a future its outcome, from any thread."""
+        """Set the result of a future that a coroutine awaits, from any thread."""
         future.set_result(outcome)
         if self.executor is not None:
             self.executor.wake()
 
     def resolved(self, topics: Sequence[str], *, only_expand: bool = False) -> list[str]:
-        """Return full names of topics, remapped unless ``only_expand``; refuse texts that are no names."""
+        """Return full names of topics, remapped unless ``only_expand``; refuse invalid names."""
         try:
             return [self.resolve_topic_name(topic, only_expand=only_expand) for topic in topics]
         except rclpy_implementation.RCLError as error:
             reason = str(error).split(', at ')[0]
             raise ParameterError(f'topics: {reason}; a name such as joint_states is expected') from error
 
-    def _refuse_senseless(self, values: dict[str, Any]) -> None:
+    def _refuse_invalid(self, values: dict[str, Any]) -> None:
         for setting in self.SETTINGS:
             setting.check(values[setting.name])
         self._check(values)
@@ -217,17 +217,17 @@ class SettingsNode(Node):
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
         try:
             s = self.settings(changed)
-            self._refuse_senseless(s)
+            self._refuse_invalid(s)
         except PendubotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
 
 class ManagedNode(LifecycleNodeMixin, SettingsNode):
-    """A node with the lifecycle of ROS 2: configured, it is open; active, it works, too.
+    """A node with the lifecycle of ROS 2: it is open in the state inactive, and also works in the state active.
 
-    A subclass overrides :meth:`_activate` and :meth:`_deactivate`, too. With the parameter ``autostart`` it is active
-    from the start.
+    A subclass overrides :meth:`_activate` and :meth:`_deactivate`, too. The parameter ``autostart`` activates it at the
+    start.
     """
 
     def __init__(self, ended: Shutdown) -> None:
@@ -240,13 +240,13 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         self._permanent = self._entities()
 
     def _activate(self) -> None:
-        """Begin to work."""
+        """Start working."""
 
     def _deactivate(self) -> None:
-        """Stop work, safely: what waits for it is answered here."""
+        """Stop working safely, and answer pending requests."""
 
     def start(self) -> None:
-        """Become active if ``autostart`` is set; raise what prevents it."""
+        """Activate the node if ``autostart`` is set; raise the error that prevents it."""
         if not self.settings()[AUTOSTART.name]:
             name = self.get_fully_qualified_name()
             self.get_logger().info(f'waiting: ros2 lifecycle set {name} configure, then activate')
@@ -270,13 +270,13 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         return answer
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to work."""
+        """Start working."""
         answer = self._attempt(self._activate)
         self.active = answer is TransitionCallbackReturn.SUCCESS
         return answer
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop work."""
+        """Stop working."""
         try:
             self._deactivate()
         finally:
@@ -297,7 +297,7 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End the program with status 1: it could not be stopped or closed in order."""
+        """End the program with status 1, because a transition failed."""
         self.get_logger().fatal('a transition failed; ending')
         self.end(1)
         return TransitionCallbackReturn.FAILURE
@@ -306,7 +306,7 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         return setting is AUTOSTART
 
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
-        """Refuse what counts from the configuring on while the node is configured."""
+        """Refuse changes of settings that are read during configuration, while the node is configured."""
         fixed = {setting.name for setting in self.SETTINGS if not setting.dynamic}
         if self.opened and (names := [each.name for each in changed if each.name in fixed]):
             how = f'ros2 lifecycle set {self.get_fully_qualified_name()} deactivate, then cleanup'
@@ -315,23 +315,23 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         return super()._on_set(changed)
 
     def _attempt(self, action: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do something; a failure leaves the state as it was."""
+        """Execute an action; after a failure the state is unchanged."""
         try:
             action()
         except Exception as error:
             self._failure = error
-            if self.executor is not None:  # else it ends the program, which says so
+            if self.executor is not None:  # otherwise it ends the program, which prints the error
                 self.get_logger().error(explained(error))
             return TransitionCallbackReturn.FAILURE
         return TransitionCallbackReturn.SUCCESS
 
     def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
-        """Refuse a transition that the state does not have; rclpy would end the program, and so disarm a rig."""
+        """Refuse an invalid transition, at which rclpy would end the program, and so disarm a rig."""
         try:
             return self._change_state(request, response)
         except rclpy_implementation.RCLError:
             name = self.get_fully_qualified_name()
-            self.get_logger().warning(f'this transition is not possible now; ros2 lifecycle list {name} names others')
+            self.get_logger().warning(f'this transition is not possible now; ros2 lifecycle list {name} lists others')
             response.success = False
             return response
 
@@ -340,7 +340,7 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         return {kind: set(getattr(self, f'{kind}s')) for kind in kinds}
 
     def _destroy_entities(self) -> None:
-        """Destroy what was made since the construction."""
+        """Destroy the entities that were created since the construction."""
         for waitable in list(self.waitables):
             if isinstance(waitable, ActionServer):
                 waitable.destroy()
@@ -362,7 +362,7 @@ usage: {name} [--help] [--debug] [--ros-args -p NAME:=VALUE ... --params-file FI
 
 parameters:
 {parameters}
-a VALUE is YAML: give a text that holds : in quotes of its own, -p "bags:=['swing@0:9']"
+a VALUE is YAML: quote a text that contains a colon, -p "bags:=['swing@0:9']"
 names of topics and services are relative: -r __ns:=/lab1 puts them and the node under /lab1
 commented parameter file: {resource(f'config/{name}.yaml')}
 
@@ -370,7 +370,7 @@ exit status: 0 success or ended by a signal, 1 a failure explained in one line, 
 
 
 def explained(error: Exception) -> str:
-    """Return the sentence that tells a user of an error; with ``--debug`` the traceback is printed, too."""
+    """Return the message of an error for the user; with ``--debug`` also print the traceback."""
     if '--debug' in sys.argv:
         traceback.print_exception(error)
     return sentence(error)
@@ -382,8 +382,8 @@ def run(node_class: type[SettingsNode]) -> int:
         print(help_text(node_class))
         return 0
     try:
-        own = remove_ros_args(sys.argv)[1:]
-        wrong = next((f'unknown argument {a!r}' for a in own if a != '--debug'), '')
+        arguments = remove_ros_args(sys.argv)[1:]
+        wrong = next((f'unknown argument {a!r}' for a in arguments if a != '--debug'), '')
     except Exception as error:
         wrong = f'ROS refused the arguments ({str(error).split(", at ")[0]})'
     if wrong:
@@ -408,7 +408,7 @@ def run(node_class: type[SettingsNode]) -> int:
 
 @contextmanager
 def running(node: SettingsNode) -> Iterator[None]:
-    """Open a node and spin it in a thread of its own, so that the caller's thread takes signals at once.
+    """Open a node and spin it in a separate thread, so that the caller's thread handles signals at once.
 
     A failure in a callback ends the program and is raised at the end.
     """
@@ -436,7 +436,7 @@ def running(node: SettingsNode) -> Iterator[None]:
         executor.shutdown(timeout_sec=2.0)
         if thread.is_alive():
             thread.join(2.0)
-        # Also where it refuses its parameters: other programs would go on seeing its services.
+        # Also after invalid parameters, because other programs would otherwise still discover its services.
         node.destroy_node()
     if failures:
         raise failures[0]

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The end of a program: at a signal, or with the program that started it. Needs no ROS."""
+"""The shutdown of a program: at a signal, or at the end of its parent process. Needs no ROS."""
 
 import math
 import os
@@ -15,25 +15,25 @@ from functools import cache
 
 from . import PARENT
 
-#: SIGHUP comes when a terminal is closed or the connection over which the program was started is lost.
+#: Signals that end a program; the system sends SIGHUP when its terminal is closed or its connection is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-#: The environment variable in which the launch files name their own process.
+#: The environment variable with the process id of a launch file.
 LAUNCH = 'PENDUBOT_LAUNCH_PID'
-#: A thread that waits for the end of the program looks this often [s].
+#: Polling period of a thread that waits for the end of the program [s].
 POLL = 0.02
 
 
 class Shutdown:
-    """A flag that the program ends, which any thread and any signal handler may set and any thread may wait for.
+    """A flag for the end of the program; threads and signal handlers may set it, and threads may wait for it.
 
-    It takes no lock, unlike threading.Event: a handler that interrupts its own thread in a lock would wait forever.
+    Unlike threading.Event it has no lock, because a handler that interrupts its own thread in a lock waits forever.
     """
 
     def __init__(self) -> None:
         self._set = False
 
     def set(self) -> None:
-        """Set the flag, for good."""
+        """Set the flag permanently."""
         self._set = True
 
     def is_set(self) -> bool:
@@ -41,7 +41,7 @@ class Shutdown:
         return self._set
 
     def wait(self, timeout: float = math.inf) -> bool:
-        """Wait for the flag, at most so long [s]; return whether it is set."""
+        """Wait for the flag, at most ``timeout`` [s]; return whether it is set."""
         deadline = time.monotonic() + timeout
         while not self._set and (left := deadline - time.monotonic()) > 0:
             time.sleep(min(left, POLL))
@@ -49,9 +49,9 @@ class Shutdown:
 
 
 def at_signal(end: Callable[[], object]) -> None:
-    """Call ``end`` at every signal that ends a program and when its parent ends; it may interrupt itself."""
+    """Call ``end`` at every signal of :data:`SIGNALS` and at the end of the parent; ``end`` has to be reentrant."""
     for number in SIGNALS:
-        # A program that was started by nohup outlives its terminal.
+        # A program that was started with nohup outlives its terminal.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda *_: end())
     _terminate_with_parent()
@@ -59,11 +59,11 @@ def at_signal(end: Callable[[], object]) -> None:
 
 @cache  # one thread is enough
 def _terminate_with_parent() -> None:
-    """Send SIGTERM to this process when its parent ends, for whatever reason, or if it has ended already.
+    """Send SIGTERM to this process when its parent ends, or at once if it has ended already.
 
-    The parent is launch where the launch files name it, even if a ``launch-prefix`` stands in between. Otherwise it is
-    the process that started this one, unless that used nohup. PR_SET_PDEATHSIG does not serve: it reports the end of
-    the thread that started this process.
+    The parent is the process in ``LAUNCH`` if that is set, even if a ``launch-prefix`` lies in between. Otherwise it is
+    the process that started this one, unless that used nohup. PR_SET_PDEATHSIG is unsuitable, because it reports the
+    end of the thread that started this process.
     """
     launch = int(os.environ.get(LAUNCH, 0))
     nohup = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
@@ -85,6 +85,6 @@ def _terminate_with_parent() -> None:
 
 
 def ignore_signals() -> None:
-    """Ignore the signals from now on: one that comes while the interpreter exits would change the exit status."""
+    """Ignore the signals from now on, because a signal during the interpreter's exit would change the exit status."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

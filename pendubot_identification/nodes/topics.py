@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Topics of any type: names, message classes, quality of service, and messages fetched as bytes, many at once."""
+"""Topics of any type: names, message classes, quality of service, and batches of messages as bytes."""
 
 import threading
 from collections.abc import Callable, Iterable, Sequence
@@ -17,8 +17,8 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from pendubot_identification.errors import BagError
 
-BATCH = 500  #: Messages of one topic that are fetched before the others, and all else, have a turn.
-DEPTH = 10_000  #: Messages of a topic that may wait: ten seconds' worth at 1 kHz.
+BATCH = 500  #: Largest number of messages of one topic that are fetched in a row.
+DEPTH = 10_000  #: Queue length of a topic: ten seconds at 1 kHz.
 SECOND, UNLIMITED = 10**9, 2**63 - 1  #: [ns]
 
 
@@ -45,7 +45,7 @@ def quality(depth: int, reliable: bool, latched: bool) -> QoSProfile:
 
 
 def recorded(profile: QoSProfile) -> Qos:
-    """Return an offered quality of service as a bag holds it."""
+    """Return an offered quality of service in the representation of a bag."""
 
     def time_of(duration: Duration) -> QosTime:
         return QosTime(*divmod(duration.nanoseconds, SECOND))
@@ -64,30 +64,30 @@ def recorded(profile: QoSProfile) -> Qos:
 
 
 def weakest(profiles: Sequence[Qos], depth: int) -> QoSProfile:
-    """Return the weakest of some qualities of service: it fits to every publisher or subscriber of one of them."""
+    """Return the weakest quality of service, which is compatible with every publisher or subscriber of the others."""
     reliable = all(p.reliability is not QosReliability.BEST_EFFORT for p in profiles)
     latched = bool(profiles) and all(p.durability is QosDurability.TRANSIENT_LOCAL for p in profiles)
     return quality(depth, reliable, latched)
 
 
 def as_recorded(profiles: Sequence[Qos], depth: int) -> QoSProfile:
-    """Return the weakest of the qualities of service in a bag with their longest times and their liveliness."""
-    found = weakest(profiles, depth)
+    """Return the weakest quality of service in a bag, with the longest recorded times and the recorded liveliness."""
+    qos = weakest(profiles, depth)
 
     def longest(times: Iterable[QosTime]) -> Duration:
-        # Zero stands for no limit.
+        # Zero means no limit.
         return Duration(nanoseconds=max((t.sec * SECOND + t.nsec or UNLIMITED for t in times), default=0))
 
-    found.deadline = longest(p.deadline for p in profiles)
-    found.lifespan = longest(p.lifespan for p in profiles)
-    found.liveliness_lease_duration = longest(p.liveliness_lease_duration for p in profiles)
+    qos.deadline = longest(p.deadline for p in profiles)
+    qos.lifespan = longest(p.lifespan for p in profiles)
+    qos.liveliness_lease_duration = longest(p.liveliness_lease_duration for p in profiles)
     if profiles and all(p.liveliness is QosLiveliness.MANUAL_BY_TOPIC for p in profiles):
-        found.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
-    return found
+        qos.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
+    return qos
 
 
 class Fetched(ReentrantCallbackGroup):
-    """The group of subscriptions for which no executor waits."""
+    """The callback group of subscriptions that no executor serves."""
 
     def can_execute(self, _: Any) -> bool:
         """Return False."""
@@ -95,11 +95,11 @@ class Fetched(ReentrantCallbackGroup):
 
 
 class Fetcher:
-    """Subscriptions for which no executor waits: their owner fetches the messages that have come, now and then.
+    """Subscriptions that no executor serves: their owner fetches the received messages in batches, from any thread.
 
-    To wake up for one message costs an executor five times as much as to fetch it, a thousand times a second; and
-    every message brings its time of arrival along. May be used from any thread. ``take`` is called with each message:
-    its topic, its bytes, and the information of the middleware.
+    An executor needs five times the processor time to wake up for a message as to fetch it, a thousand times a second.
+    The middleware records the arrival of every message, so the delay is harmless. ``take`` is called with each
+    message's topic, bytes and middleware information.
     """
 
     def __init__(self, node: Node, take: Callable[[str, bytes, dict[str, Any]], None]) -> None:
@@ -110,7 +110,7 @@ class Fetcher:
         self.subscriptions: dict[str, Subscription] = {}
 
     def subscribe(self, name: str, message_type: type, qos: QoSProfile) -> Subscription:
-        """Subscribe to a topic; a second time in place of the first, of which no message that came is lost."""
+        """Subscribe to a topic, or replace its subscription after fetching the received messages."""
         with self._lock:
             if name in self.subscriptions:
                 self.fetch_all()
@@ -121,13 +121,13 @@ class Fetcher:
             return self.subscriptions[name]
 
     def fetch(self) -> bool:
-        """Take the messages that have come, up to a batch of each topic; return whether there may be more."""
+        """Fetch received messages, at most one batch per topic; return whether more may be waiting."""
         with self._lock:
             counts = [self._fetch_some(name, source) for name, source in self.subscriptions.items()]
             return BATCH in counts
 
     def fetch_all(self) -> None:
-        """Take all messages that wait, but do not follow a publisher that is even faster than this."""
+        """Fetch all waiting messages, with a bound for publishers that are faster than the fetching."""
         for _ in range(DEPTH // BATCH):
             if not self.fetch():
                 return

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``tracker``: the parameters of a rig at the moment, by its joint_states, latched on pendubot/params."""
+"""``tracker``: estimates the present parameters of a rig from joint_states, latched on pendubot/params."""
 
 import threading
 from dataclasses import asdict
@@ -27,26 +27,26 @@ from .ownership import name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 from .topics import DEPTH, Fetcher, quality
 
-#: The messages that have come are fetched and used this often [s].
+#: Period of fetching and processing messages [s].
 PERIOD = 0.1
-#: Intervals that are narrower than the published ones by this factor are published, too.
+#: Ratio to the published standard error below which a new standard error is published.
 NARROWER = 0.5
 
 
 class Tracker(ManagedNode):
-    """Estimates in a thread of its own, so that services answer meanwhile; publishes parameters that have moved."""
+    """Estimates in a separate thread, so that services stay available, and publishes changed parameters."""
 
     PROGRAM = 'tracker'
     SUMMARY = (
-        'Follows the parameters of a rig while it moves: publishes them, latched, on pendubot/params where they have '
-        'moved by more than their 95 % intervals, with their quality and the last change on pendubot/identification. '
-        '~/hold keeps the published parameters, ~/reset begins anew.'
+        'Tracks the parameters of a moving rig: publishes them, latched, on pendubot/params if they have changed by '
+        'more than their 95 % intervals, with their quality and the last change on pendubot/identification. ~/hold '
+        'keeps the published parameters, ~/reset restarts the tracking.'
     )
     SETTINGS = (
         JOINTS,
-        Setting('start', '', 'result file to begin with; empty: the first motion is identified'),
-        Setting('model', 'coulomb', 'which parameters there are, without a start', choices=tuple(MODELS)),
-        Setting('rate', 1.0, 'parameters are published at most so often', 'Hz', 0.01, 10.0, dynamic=True),
+        Setting('start', '', 'result file with the initial parameters; empty: the first motion is identified'),
+        Setting('model', 'coulomb', 'model without a start', choices=tuple(MODELS)),
+        Setting('rate', 1.0, 'highest rate of published parameters', 'Hz', 0.01, 10.0, dynamic=True),
         AUTOSTART,
     )
 
@@ -60,7 +60,7 @@ class Tracker(ManagedNode):
         self._rivals = ''  # names the publishers of joint_states if there are several
         self._first_ns: int | None = None
         self._taken = self._disturbances = 0
-        # The published state and its time by the samples' clock [s]; likewise the last message about it.
+        # The published state, the last message about it, and its time on the samples' clock [s].
         self._published: State | None = None
         self._said: tuple[Any, ...] = ()
         self._at = -np.inf
@@ -78,18 +78,18 @@ class Tracker(ManagedNode):
         self._forget = self._taken > 0
 
     def _close(self) -> None:
-        """Let the thread come to its end, but do not wait for an identification in it."""
+        """End the thread, without waiting for a running identification."""
         self._closing.set()
         self._worker.join(1.0)
 
     def _on_hold(self, request: SetBool.Request, _: SetBool.Response) -> SetBool.Response:
         self._held = request.data
-        message = 'the published parameters stay as they are' if self._held else 'parameters that move are published'
+        message = 'the published parameters are held' if self._held else 'changed parameters are published'
         return SetBool.Response(success=True, message=message)
 
     async def _on_reset(self) -> tuple[bool, str]:
         self._forget = True
-        return True, 'all begins anew with the next motion'
+        return True, 'the tracking restarts with the next motion'
 
     def _work(self, closing: threading.Event) -> None:
         while not closing.wait(PERIOD):
@@ -110,7 +110,7 @@ class Tracker(ManagedNode):
                 self.get_logger().error(explained(error), throttle_duration_sec=10.0)
 
     def _refuse_second_rig(self) -> None:
-        """Drop the samples where they have several publishers, and begin anew: nobody knows whose they are."""
+        """Drop samples of several publishers, whose origin is unknown, and restart the tracking."""
         before, self._rivals = self._rivals, name_rivals(self, self._joint_states, wait=True)
         if self._rivals and not before:
             self.get_logger().error(self._rivals)
@@ -138,7 +138,7 @@ class Tracker(ManagedNode):
             return
         self._last_change = str(event)
         self._published = None if isinstance(event, Lost) else self._published
-        # Parameters that are known to be wrong do not wait for their turn.
+        # The published parameters are wrong after a change, so the next ones do not wait.
         self._at = -np.inf
         self.get_logger().warning(str(event))
 
@@ -152,9 +152,9 @@ class Tracker(ManagedNode):
         moved = state.level is not Level.ERROR and self._moved(state)
         if moved:
             if self._published is None:
-                self.get_logger().info(f'following, level {state.level.name}: {self._condition()[1]}')
+                self.get_logger().info(f'tracking, level {state.level.name}: {self._condition()[1]}')
             self._published, self._at = state, state.t
-        # The message is about the published parameters, so that their receivers are told.
+        # The message describes the published parameters, for their receivers.
         self._say(*self._condition(), self._values(self._published or state), state.theta if moved else None)
 
     def _moved(self, state: State) -> bool:
@@ -171,7 +171,7 @@ class Tracker(ManagedNode):
             return Level.ERROR, self._rivals
         if state is None:
             return Level.WARN, self._tracker.waiting
-        return state.level, '; '.join(state.warnings) or 'followed'
+        return state.level, '; '.join(state.warnings) or 'tracked'
 
     def _values(self, state: State) -> dict[str, Any]:
         values = parameter_values({name: asdict(entry) for name, entry in parameters(state).items()})
@@ -182,7 +182,7 @@ class Tracker(ManagedNode):
         return values | {'criterion': 'weak, tracked', 'last_change': self._last_change}
 
     def _say(self, level: Level, text: str, values: dict[str, Any], theta: Any = None) -> None:
-        """Publish the quality, unless it is that of the last message; other numbers of seconds make no difference."""
+        """Publish the quality if it differs from the last message, except in the digits of its text."""
         key = level, ''.join(c for c in text if not c.isdigit()), values
         if key != self._said or theta is not None:
             self._said = key

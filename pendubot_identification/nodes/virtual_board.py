@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``virtual_board``: a pendubot rig that is not there, on a pseudo-terminal. Needs no ROS, but for its parameter."""
+"""``virtual_board``: a simulated pendubot rig on a pseudo-terminal. Only its ROS parameter needs ROS."""
 
 import argparse
 import math
@@ -29,7 +29,7 @@ from .shutdown import Shutdown, at_signal, ignore_signals
 
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
-  (those named _at are seconds after the start, the others probabilities for each frame or sample)
+  (names with _at: seconds after the start; the others: probabilities for each frame or sample)
 limits: {', '.join(each.name for each in fields(Limits))}
   (in the units of docs/protocol.md; 0: no such limit)
 
@@ -39,11 +39,11 @@ example:
   virtual_board --link /tmp/pendubot --preset balance --rate 500 --start upright --spread 0.1 --delay 0.004
   bridge --ros-args -p port:=/tmp/pendubot
 
-with --ros-args, where there is ROS, it is a node too, of one parameter, payload [kg]: the mass at the end of link 2
-(3/2 P2 / P5 from the elbow), also put on and taken off while it moves:
+with --ros-args and an installed ROS it is also a node with one parameter, payload [kg]: the mass at the end of link 2
+(3/2 P2 / P5 from the elbow), which may change during the motion:
   ros2 param set /virtual_board payload 0.03
 
-signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 puts it back (--link then leads to another pty)
+signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 reconnects it (--link then leads to another pty)
 
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
@@ -55,8 +55,8 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     p = argparse.ArgumentParser(
         prog='virtual_board',
-        description='A virtual board with a pendubot behind it: it speaks the serial protocol on a pty, in real time, '
-        'with encoders, torque limit, watchdog and arming like the real one.',
+        description='A virtual board with a simulated pendubot: it serves the serial protocol on a pty in real time, '
+        'with encoders, torque limit, watchdog and arming like a real board.',
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog=EPILOG,
     )
@@ -64,36 +64,36 @@ def parser() -> argparse.ArgumentParser:
     def number(name: str, default: float, unit: str, meaning: str) -> None:
         p.add_argument(name, type=type(default), default=default, metavar=unit, help=f'{meaning} (default {default})')
 
-    p.add_argument('--link', type=Path, metavar='PATH', help='make a symbolic link to the pty here')
+    p.add_argument('--link', type=Path, metavar='PATH', help='path of a symbolic link to the pty')
     number('--rate', 100.0, 'HZ', 'sampling rate')
     number('--counts', 4000, 'N', 'encoder counts per turn')
     number('--torque-limit', 2.0, 'NM', "the board's limit [N m]")
-    preset = "the pendubot: the paper's, or one with the proportions of rigs that people balance (default %(default)s)"
+    preset = 'parameters of the rig in the paper, or of a typical balancing rig (default %(default)s)'
     p.add_argument('--preset', choices=PRESETS, default='paper', help=preset)
-    result = "the pendubot's, friction and rotor included, instead of a preset: a result of pendubot identify"
+    result = 'a result of pendubot identify with the parameters, friction and rotor included, instead of a preset'
     p.add_argument('--parameters', type=Path, metavar='RESULT.yaml', help=result)
-    start = 'where it begins; anywhere but hanging exactly it is held there until first armed (default %(default)s)'
+    start = 'initial position; a rig that does not hang at rest is fixed there until first armed (default %(default)s)'
     p.add_argument('--start', choices=STARTS, default='hanging', help=start)
-    number('--spread', 0.0, 'RAD', 'each angle begins at random within so much of there')
-    number('--delay', 0.0, 'S', 'the motor obeys so much later than the board says')
-    patient = 'its time stands still while this computer keeps it waiting and, armed, while no command comes: the rig '
-    p.add_argument('--patient', action='store_true', help=patient + 'does not run on without its controller')
-    p.add_argument('--seed', type=int, help='of everything random (default: a new one every time, printed)')
-    p.add_argument('--trace', type=Path, metavar='FILE', help='write every sample as the board took it, as CSV')
-    fault = 'something that goes wrong, see below; repeatable'
+    number('--spread', 0.0, 'RAD', 'largest random deviation of each angle from the initial position')
+    number('--delay', 0.0, 'S', "delay of the motor behind the board's report")
+    patient = 'stop the simulated time while this computer delays the program and, armed, while no command arrives, '
+    p.add_argument('--patient', action='store_true', help=patient + 'so that the rig waits for its controller')
+    p.add_argument('--seed', type=int, help='seed of all random numbers (default: a new seed every time, printed)')
+    p.add_argument('--trace', type=Path, metavar='FILE', help="write the board's samples as CSV")
+    fault = 'a simulated fault, see below; repeatable'
     p.add_argument('--fault', action='append', default=[], metavar='NAME=VALUE', help=fault)
     limit = 'a limit at which the board switches its motor off, see below; repeatable'
     p.add_argument('--limit', action='append', default=[], metavar='NAME=VALUE', help=limit)
-    number('--duration', math.inf, 'S', 'end after so many seconds')
+    number('--duration', math.inf, 'S', 'duration of the simulation')
     return p
 
 
 def make_board(options: argparse.Namespace) -> VirtualBoard:
-    """Return the board that the options describe.
+    """Return the virtual board for the options.
 
     Raises:
-        ParameterError: a value that makes no sense, or parameters that no pendubot has.
-        ResultError: parameters that cannot be read.
+        ParameterError: a value is invalid, or the parameters are unphysical.
+        ResultError: the parameters cannot be read.
     """
     for name, low, high, unit in (('rate', 1, 10_000, ' Hz'), ('spread', 0, 1, ''), ('delay', 0, 1, '')):
         if not low <= (value := getattr(options, name)) <= high:
@@ -102,14 +102,14 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
         raise ParameterError(f'--seed is {options.seed}; a number of at least 0 is expected')
     parameters = PRESETS[options.preset]
     if options.parameters is not None:
-        # Only here: without this import the board starts ten times faster.
+        # Imported here, because the board starts ten times faster without this import.
         from pendubot_identification.results.result_file import read_result
 
         parameters = read_result(options.parameters).theta
     chance = random.Random(options.seed)
     q1, q2 = (q + chance.uniform(-options.spread, options.spread) for q in STARTS[options.start])
     plant = LatePlant(parameters, options.delay, (q1, q2))
-    # The torque that holds both links level is no stall.
+    # The torque that holds both links horizontal is no stall.
     held = 1.5 * ((parameters.P4 + parameters.P5) * GRAVITY + parameters.Fc1)
     limits = replace(LIMITS, stall_torque=max(LIMITS.stall_torque, round(1e6 * held)))
     limits = replace(limits, **_named('limit', options.limit, Limits, int))
@@ -120,17 +120,17 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
 
 
 def _named(kind: str, texts: Sequence[str], table: type, number: Callable[[str], Any]) -> dict[str, Any]:
-    """Return the values of options of the form NAME=VALUE by name, which is a field of the table."""
-    names, found = [each.name for each in fields(table)], {}
+    """Return the values of options of the form NAME=VALUE by name; a NAME is a field of ``table``."""
+    names, values = [each.name for each in fields(table)], {}
     for text in texts:
         name, _, value = text.partition('=')
         if name not in names:
             raise ParameterError(f'there is no {kind} {name!r}; the {kind}s are {", ".join(names)}')
         try:
-            found[name] = number(value)
+            values[name] = number(value)
         except ValueError:
             raise ParameterError(f'the {kind} {text!r} has no number; write {name}=VALUE') from None
-    return found
+    return values
 
 
 def _report(event: str) -> None:
@@ -139,7 +139,7 @@ def _report(event: str) -> None:
 
 @contextmanager
 def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
-    """Make the board a ROS node, too, whose parameter is the payload."""
+    """Run a ROS node with the board's payload as its parameter."""
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
@@ -164,11 +164,11 @@ def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
 
 
 def main() -> int:
-    """Serve a virtual board until a signal comes; return the exit status."""
+    """Serve a virtual board until a signal; return the exit status."""
     argv = sys.argv[1:]
     options = parser().parse_args(argv[: argv.index('--ros-args')] if '--ros-args' in argv else argv)
     if options.seed is None:
-        # A real board has another boot_id each time it starts; the same one would claim that it never stopped.
+        # A real board has another boot_id after each start; with the same boot_id a restart would stay undetected.
         options.seed = secrets.randbits(32)
     ended = Shutdown()
     at_signal(ended.set)

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The state of a running rig for the studio, as JSON lines on stdout, 20 a second. It only listens.
+"""Prints the state of a running rig for the studio, as 20 JSON lines a second on stdout. It only subscribes.
 
-Each line has the newest sample (``t`` [s], ``q`` [rad], ``effort`` [N m], ``rate`` [Hz]; without ``q`` where nothing is
-published), the ``parameters`` with 95 % half-widths, and ``level`` and ``message`` of the identification.
+Each line has the newest sample (``t`` [s], ``q`` [rad], ``effort`` [N m], ``rate`` [Hz]; absent if it is too old),
+the ``parameters`` with 95 % half-widths, and ``level`` and ``message`` of the identification.
 """
 
 import json
@@ -31,16 +31,16 @@ from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from .messages import LATCHED, joint_sample
 from .shutdown import Shutdown, at_signal
 
-#: Lines a second, and how old the newest sample of a running rig is at most [s].
+#: Rate of the lines [Hz], and largest age of the newest sample of a running rig [s].
 RATE, STALE = 20.0, 1.0
 
 
 class Watcher(Node):
-    """Subscribes to the topics of a rig; it has no publisher and no service of its own, and calls none."""
+    """Subscribes to the topics of a rig; it has no publisher, no service and no client."""
 
     def __init__(self) -> None:
-        silent = [Parameter('start_type_description_service', value=False)]
-        super().__init__('watcher', enable_rosout=False, start_parameter_services=False, parameter_overrides=silent)
+        no_service = [Parameter('start_type_description_service', value=False)]
+        super().__init__('watcher', enable_rosout=False, start_parameter_services=False, parameter_overrides=no_service)
         # Its parameters never change.
         self.destroy_publisher(self._parameter_event_publisher)
         self._sample: tuple[float, tuple[float, float], float] | None = None
@@ -69,32 +69,32 @@ class Watcher(Node):
 
     def line(self) -> dict[str, Any]:
         """Return the present state of the rig."""
-        found: dict[str, Any] = {'parameters': self._named(), 'level': '', 'message': self._problem}
+        state: dict[str, Any] = {'parameters': self._named(), 'level': '', 'message': self._problem}
         if self._status is not None:
-            found |= {'level': Level(self._status.level[0]).name, 'message': self._problem or self._status.message}
+            state |= {'level': Level(self._status.level[0]).name, 'message': self._problem or self._status.message}
         if self._sample is not None and time.monotonic() - self._arrivals[-1] < STALE:
             t, q, effort = self._sample
-            lasted = self._arrivals[-1] - self._arrivals[0]
-            rate = (len(self._arrivals) - 1) / lasted if lasted else 0.0
+            duration = self._arrivals[-1] - self._arrivals[0]
+            rate = (len(self._arrivals) - 1) / duration if duration else 0.0
             if all(map(math.isfinite, (*q, effort))):
-                found |= {'t': t, 'q': q, 'effort': effort, 'rate': rate}
-        return found
+                state |= {'t': t, 'q': q, 'effort': effort, 'rate': rate}
+        return state
 
     def _named(self) -> list[dict[str, Any]]:
-        said = {pair.key: pair.value for pair in self._status.values} if self._status is not None else {}
-        found = []
+        values = {pair.key: pair.value for pair in self._status.values} if self._status is not None else {}
+        entries = []
         for name, value in self._theta.items():
             half = math.nan
-            with suppress(KeyError, ValueError):  # 'None' where it is not known
-                half = NORMAL_95 * float(said[f'{name}.std_error'])
+            with suppress(KeyError, ValueError):  # 'None' if it is unknown
+                half = NORMAL_95 * float(values[f'{name}.std_error'])
             interval = half if math.isfinite(half) else None
             if math.isfinite(value):
-                found.append({'name': name, 'value': value, 'half': interval, 'unit': said.get(f'{name}.unit')})
-        return found
+                entries.append({'name': name, 'value': value, 'half': interval, 'unit': values.get(f'{name}.unit')})
+        return entries
 
 
 def main() -> int:
-    """Watch until a signal, or until nobody reads; return the exit status."""
+    """Print the state until a signal, or until the reader closes the pipe; return the exit status."""
     ended = Shutdown()
     rclpy.init(args=['--ros-args', '--enclave', '/pendubot/watcher'], signal_handler_options=SignalHandlerOptions.NO)
     try:

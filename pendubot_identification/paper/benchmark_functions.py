@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Table 2 of the paper: the test functions of the optimizers."""
+"""Table 2 of the paper: the benchmark functions of the optimizers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from pendubot_identification.model.parameters import Bounds
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkFunction:
-    """A function of points, shape (..., n) in, (...) out, with its minimum 0 at 0, in [-half_width, half_width]^n."""
+    """A function of points, shape (..., n) in, (...) out, on [-half_width, half_width]^n, with the minimum 0 at 0."""
 
     name: str
     half_width: float
@@ -29,7 +29,7 @@ class BenchmarkFunction:
         return (self.value(x + steps) - self.value(x - steps)) / (2 * step)
 
     def bounds(self, dimension: int) -> Bounds:
-        """Return its box in n dimensions."""
+        """Return the bounds in n dimensions."""
         width = np.full(dimension, self.half_width)
         return Bounds(-width, width, tuple(f'x{k}' for k in range(1, dimension + 1)))
 
@@ -59,7 +59,7 @@ def rastrigin(x: ArrayLike) -> Array:
     return np.asarray((x**2 + 10 - 10 * np.cos(2 * np.pi * x)).sum(axis=-1))
 
 
-#: In the order of the paper's tables.
+#: The benchmark functions in the order of the paper's tables.
 FUNCTIONS = (
     BenchmarkFunction('Sphere', 100.0, sphere),
     BenchmarkFunction('Griewank', 600.0, griewank),

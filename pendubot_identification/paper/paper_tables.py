@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The tables of the paper with the results of this package beside its own, and further tables."""
+"""The tables of the paper beside the results of this package, and additional tables."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ from .trials import ALGORITHMS, BUDGET, IDENTIFICATION, PER_VECTOR, TARGET, Outc
 
 Cell = str | int | float | None
 
-#: Table 4 of the paper: best, worst, average and standard deviation of the errors over 10 runs, and time of a run [s].
+#: Table 4 of the paper: best, worst, average and standard deviation of the errors of 10 runs, and time of a run [s].
 TABLE_4 = {
     ('Sphere', 'PSO'): (2.30e-5, 0.0028, 8.06e-4, 8.35e-4, 0.1910),
     ('Sphere', 'DE'): (3.09e-6, 9.60e-6, 6.59e-6, 2.46e-6, 0.0763),
@@ -40,7 +40,7 @@ TABLE_4 = {
     ('Rastrigin', 'MDE'): (2.22e-6, 8.88e-6, 4.87e-6, 2.28e-6, 0.1182),
 }
 AVERAGE, TIME = 2, 4
-#: Table 7, J over 10 runs: best, worst, average. Table 8 is :data:`.model.parameters.PAPER`.
+#: Table 7 of the paper, J of 10 runs: best, worst, average. Table 8 is :data:`.model.parameters.PAPER`.
 TABLE_7 = {'training': (2.37e-3, 2.39e-3, 2.37e-3), 'validation': (None, None, 3.03e-3)}
 STATISTICS: dict[str, Callable[[Any], Any]] = {
     'best': np.min,
@@ -51,16 +51,16 @@ STATISTICS: dict[str, Callable[[Any], Any]] = {
 #: Significance level of a difference.
 ALPHA = 0.01
 FIRST = (
-    'Who is first: a run that reaches the target comes before one that does not; of two that reach it, the one with '
-    'fewer function values comes first; of two that do not, the one with the lower error. Two-sided rank-sum test.'
+    'Order of two runs: a run that reaches the target is first; if both reach it, the run with fewer function '
+    'evaluations; if neither does, the run with the lower error. Two-sided rank-sum test.'
 )
 _TARGET = f'{TARGET:.0e}'.replace('e-0', 'e-')
-#: The threshold that the paper chose.
+#: Threshold of MDE in the paper.
 CHOSEN = 0.3
 
 
 class Table(NamedTuple):
-    """A table as columns by name, with paragraphs below it; ``name`` is the name of its files."""
+    """A table with its columns by name, and paragraphs of notes; ``name`` is the name of its files."""
 
     name: str
     title: str
@@ -79,7 +79,7 @@ class Table(NamedTuple):
         return '\n\n'.join([f'## {self.title}', table, *self.notes]) + '\n'
 
     def csv(self) -> str:
-        """Return head and rows, with all digits."""
+        """Return header and rows, with all digits."""
         file = io.StringIO()
         csv.writer(file, lineterminator='\n').writerows([self.columns, *self.rows])
         return file.getvalue()
@@ -100,13 +100,13 @@ def shown(cell: Cell) -> str:
 
 
 def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
-    """Return Table 4, the comparison of MDE with the others, and its generations beside the paper's times."""
+    """Return Table 4, the comparison of MDE with each other algorithm, and its generations beside the paper's times."""
     many = len(outcomes[0].result.value)
     values = [o.result.value for o in outcomes]
     columns: dict[str, list[Any]] = _named(outcomes)
-    for k, (what, statistic) in enumerate(STATISTICS.items()):
-        columns[what] = [statistic(errors[:runs]) for errors in values]
-        columns[f'{what}, paper'] = [TABLE_4[o.function, o.algorithm][k] for o in outcomes]
+    for k, (name, statistic) in enumerate(STATISTICS.items()):
+        columns[name] = [statistic(errors[:runs]) for errors in values]
+        columns[f'{name}, paper'] = [TABLE_4[o.function, o.algorithm][k] for o in outcomes]
     columns |= {
         f'reached, of {runs}': [_reached(errors[:runs]) for errors in values],
         f'reached, of {many}': [_reached(errors) for errors in values],
@@ -115,20 +115,20 @@ def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
         'generations': [o.result.generations.mean() for o in outcomes],
     }
     notes = [
-        f'Errors at the end of {runs} runs each, n = {outcomes[0].n}; a run that reaches {_TARGET} stops there. '
-        f'The last four columns are of {many} runs, the first {runs} among them: averages, in which a run that never '
-        f'reaches {_TARGET} counts with all that it took. Not among the function values is the gradient that HDE takes '
-        'in every generation.',
-        'Times are in times.md: they alone differ from one reproduction to the next.',
+        f'Errors at the end of {runs} runs each, n = {outcomes[0].n}; a run stops when it reaches {_TARGET}. '
+        f'The last four columns are averages of {many} runs, which include the first {runs}. A run that never reaches '
+        f'{_TARGET} counts with its whole length. The function values do not include the gradient that HDE computes in '
+        'every generation.',
+        'Times are in times.md: only they differ from one reproduction to the next.',
     ]
     return [Table('table4', 'Table 4: errors', columns, notes), _claims(outcomes, runs), _pace(outcomes)]
 
 
 def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
-    """Return where MDE is ahead by the averages of the paper and by ours."""
-    found = {(o.function, o.algorithm): o for o in outcomes}
+    """Return the order of MDE and each other algorithm by the averages of the paper and of this package."""
+    by_name = {(o.function, o.algorithm): o for o in outcomes}
     many = len(outcomes[0].result.value)
-    pairs = [(found[f.name, 'MDE'], found[f.name, other]) for f in FUNCTIONS for other in ALGORITHMS[:-1]]
+    pairs = [(by_name[f.name, 'MDE'], by_name[f.name, other]) for f in FUNCTIONS for other in ALGORITHMS[:-1]]
     paper = [TABLE_4[o.function, o.algorithm][AVERAGE] / TABLE_4[o.function, 'MDE'][AVERAGE] for _, o in pairs]
     columns: dict[str, list[Any]] = {
         'function': [o.function for _, o in pairs],
@@ -143,9 +143,9 @@ def _claims(outcomes: Sequence[Outcome], runs: int) -> Table:
     columns['the other'] = [_reached(o.result.value) for _, o in pairs]
     columns |= _against(pairs)
     notes = [
-        'Above 1, the other one errs more than MDE. Where both averages are below the target, all runs have reached '
-        'it, and which is lower only says who overshot more.',
-        f'{FIRST} Over {many} runs each; said to differ at p < {ALPHA:g}.',
+        'A ratio above 1: the other algorithm has the larger error. If both averages are below the target, all runs '
+        'have reached it, and their order is meaningless.',
+        f'{FIRST} {many} runs each; a difference is significant at p < {ALPHA:g}.',
     ]
     return Table('table4_order', 'Table 4: is MDE ahead?', columns, notes)
 
@@ -168,7 +168,7 @@ def _pace(outcomes: Sequence[Outcome]) -> Table:
         'time, paper [s]': times,
         "time over Sphere's": times / times[0],
     }
-    note = 'Average over the runs that reach the target. This is what n = 2 was inferred from: other n do not fit.'
+    note = 'Average over the runs that reach the target. n = 2 was inferred from this ratio: other n do not fit.'
     return Table('table4_pace', "MDE's pace against the paper's times", columns, [note])
 
 
@@ -180,45 +180,45 @@ def times(outcomes: Sequence[Outcome], seconds: Sequence[float]) -> Table:
         'paper [s]': [TABLE_4[o.function, o.algorithm][TIME] for o in outcomes],
     }
     note = (
-        f'{many} runs are advanced as one array; the time of one is theirs over their number. These numbers are '
+        f'{many} runs advance as one array; the time of a run is their time divided by their number. These numbers are '
         'measured and differ from one reproduction to the next.'
     )
     return Table('times', 'Table 4: time of a run', columns, [note])
 
 
-def table_7(found: Estimate, mde: MDESettings, samples: Sequence[int]) -> Table:
-    """Return J of the runs of the identification beside the paper's."""
-    J = {'training': found.J_runs, 'validation': found.J_validation_runs}
+def table_7(estimate: Estimate, mde: MDESettings, samples: Sequence[int]) -> Table:
+    """Return J of the runs of the identification beside the paper's J."""
+    J = {'training': estimate.J_runs, 'validation': estimate.J_validation_runs}
     columns: dict[str, Any] = {'J [J^2]': list(TABLE_7)}
-    for k, (what, statistic) in enumerate(STATISTICS.items()):
-        columns[what] = [statistic(J[which]) for which in TABLE_7]
-        if what != 'standard deviation':
-            columns[f'{what}, paper'] = [paper[k] for paper in TABLE_7.values()]
+    for k, (name, statistic) in enumerate(STATISTICS.items()):
+        columns[name] = [statistic(J[role]) for role in TABLE_7]
+        if name != 'standard deviation':
+            columns[f'{name}, paper'] = [paper[k] for paper in TABLE_7.values()]
     notes = [
-        f'{len(found.J_runs)} runs of MDE, {mde.population} vectors, {mde.generations} generations, on the sample bag: '
-        f'{samples[0]} samples estimate, {samples[1]} validate. The exact least J on training is {found.J_exact:.6e}; '
-        f'{found.runs_at_minimum} runs reached it to a relative 1e-6.',
-        "The paper's J is of its own rig, whose recordings were never published. The sample bag is of a virtual rig "
-        'with the parameters of its Table 8, without any model error. So the sizes of the two are no test of either; '
-        'what can be compared is whether the runs agree, and validation with training.',
+        f'{len(estimate.J_runs)} runs of MDE, {mde.population} vectors, {mde.generations} generations, on the sample '
+        f'bag: {samples[0]} training samples, {samples[1]} validation samples. The exact minimum of J on the training '
+        f'data is {estimate.J_exact:.6e}; {estimate.runs_at_minimum} runs reached it to a relative 1e-6.',
+        "The paper's J belongs to its own rig, whose recordings were never published. The sample bag is from a virtual "
+        'rig with the parameters of Table 8, without any model error. So the two values of J cannot be compared, only '
+        'the agreement of the runs, and the ratio of validation and training.',
     ]
     return Table('table7', 'Table 7: J of the identification', columns, notes)
 
 
-def table_8(found: Estimate) -> Table:
-    """Return the parameters beside the paper's, which are the true ones of the virtual rig."""
+def table_8(estimate: Estimate) -> Table:
+    """Return the estimated parameters beside the paper's, which are the true parameters of the virtual rig."""
     truth = PAPER.vector()
     columns: dict[str, Any] = {
         '': NAMES[: len(truth)],
         'unit': UNITS[: len(truth)],
         "paper's Table 8 = truth of the virtual rig": truth,
-        'best run': found.theta,
-        'error [%]': 100 * (found.theta / truth - 1),
-        'standard error': found.std_error,
+        'best run': estimate.theta,
+        'error [%]': 100 * (estimate.theta / truth - 1),
+        'standard error': estimate.std_error,
     }
     note = (
-        "Of the run with the lowest J. The errors are those of the paper's criterion at 100 samples a second, not of "
-        'the optimiser, which finds the least J. Criteria that do better on the same recording: docs/method.md.'
+        "From the run with the lowest J. The paper's criterion at 100 samples a second causes the errors, not the "
+        'optimiser, which finds the minimum of J. More accurate criteria on the same recording: docs/method.md.'
     )
     return Table('table8', 'Table 8: parameters', columns, [note])
 
@@ -226,8 +226,8 @@ def table_8(found: Estimate) -> Table:
 def threshold_table(outcomes: Sequence[Outcome]) -> Table:
     """Return the generations and the success rate of MDE for every threshold."""
     problems = list(dict.fromkeys(o.function for o in outcomes))
-    found = {(o.function, o.algorithm, o.threshold or 0.0): o for o in outcomes}
-    thresholds = sorted({threshold for _, _, threshold in found})
+    by_setting = {(o.function, o.algorithm, o.threshold or 0.0): o for o in outcomes}
+    thresholds = sorted({threshold for _, _, threshold in by_setting})
     rows = [(algorithm, threshold) for algorithm in ('MDE', PER_VECTOR) for threshold in thresholds]
     columns: dict[str, list[Any]] = {
         'operator per': ['component' if algorithm == 'MDE' else 'vector' for algorithm, _ in rows],
@@ -235,31 +235,31 @@ def threshold_table(outcomes: Sequence[Outcome]) -> Table:
     }
     quickest = []
     for problem in problems:
-        mine = {(operator, t): found[problem, operator, t] for operator, t in rows}
-        medians = {row: _of_arrived(one, np.median) for row, one in mine.items()}
+        selected = {(operator, t): by_setting[problem, operator, t] for operator, t in rows}
+        medians = {row: _of_arrived(outcome, np.median) for row, outcome in selected.items()}
         columns[problem] = list(medians.values())
-        columns[f'{problem}, reached'] = list(map(_fraction, mine.values()))
-        arrivals = {t: mine['MDE', t].arrived.sum() for t in thresholds}
+        columns[f'{problem}, reached'] = list(map(_fraction, selected.values()))
+        arrivals = {t: selected['MDE', t].arrived.sum() for t in thresholds}
         best = min((t for t in thresholds if arrivals[t] == max(arrivals.values())), key=lambda t: medians['MDE', t])
-        chosen = f'{CHOSEN:g}: {medians["MDE", CHOSEN]:.0f}, {_fraction(mine["MDE", CHOSEN])}'
+        chosen = f'{CHOSEN:g}: {medians["MDE", CHOSEN]:.0f}, {_fraction(selected["MDE", CHOSEN])}'
         quickest.append(f'{problem} {best:g} ({medians["MDE", best]:.0f} generations; {chosen})')
-    counts = (f'{len(found[problem, "MDE", CHOSEN].arrived)} runs on {problem}' for problem in problems)
+    counts = (f'{len(by_setting[problem, "MDE", CHOSEN].arrived)} runs on {problem}' for problem in problems)
     notes = [
-        f'Median generations of the runs that reach the target, and how many do: {", ".join(counts)}. The threshold is '
-        f'the probability of best/1; the paper chose {CHOSEN:g} by trial and error and shows no trials. '
-        f"{IDENTIFICATION}: the paper's J on the sample bag, to a relative 1e-6 of its least value.",
-        f'Quickest among the thresholds that arrive most often, per component: {"; ".join(quickest)}.',
+        f'Median generations of the runs that reach the target, and their number: {", ".join(counts)}. The threshold '
+        f'is the probability of best/1; the paper chose {CHOSEN:g} by trial and error and shows no trials. '
+        f"{IDENTIFICATION}: the paper's J on the sample bag, to a relative 1e-6 of its minimum.",
+        f'Fastest among the thresholds with the highest success rate, per component: {"; ".join(quickest)}.',
     ]
     return Table('threshold', 'The threshold', columns, notes)
 
 
 def operator_table(outcomes: Sequence[Outcome]) -> Table:
-    """Return MDE with its operator drawn per component, as in the pseudocode, and per vector, as in the text."""
+    """Return a comparison of MDE's operator drawn per component (paper's pseudocode) and per vector (paper's text)."""
     component, vector = (
         [o for o in outcomes if o.threshold == CHOSEN and o.algorithm == algorithm] for algorithm in ('MDE', PER_VECTOR)
     )
-    medians = np.array([[_of_arrived(o, np.median) for o in which] for which in (component, vector)])
-    last = ([np.where(o.arrived, o.result.generations, np.inf) for o in which] for which in (component, vector))
+    medians = np.array([[_of_arrived(o, np.median) for o in group] for group in (component, vector)])
+    last = ([np.where(o.arrived, o.result.generations, np.inf) for o in group] for group in (component, vector))
     columns: dict[str, Any] = {
         'problem': [o.function for o in component],
         'n': [o.n for o in component],
@@ -271,20 +271,20 @@ def operator_table(outcomes: Sequence[Outcome]) -> Table:
         'p': [rank_sum(*both)[0] for both in zip(*last, strict=True)],
     }
     note = (
-        f"Threshold {CHOSEN:g}. The paper's pseudocode draws operator and partners anew for every component, its text "
-        'once a vector. Median generations of the runs that reach the target; p of the rank-sum test of the '
-        'generations, runs that do not reach it last.'
+        f"Threshold {CHOSEN:g}. The paper's pseudocode draws operator and partners for every component, its text once "
+        'per vector. Median generations of the runs that reach the target; p of the rank-sum test of the generations, '
+        'in which runs that do not reach it rank last.'
     )
     return Table('operator', 'The operator: drawn per component or per vector', columns, [note])
 
 
 def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
-    """Return the first algorithm in 2, 10 and 30 dimensions with equal budgets, and the errors."""
+    """Return the comparison of the algorithms in 2, 10 and 30 dimensions with equal budgets, and their errors."""
     mde = {(o.n, o.function): o for o in outcomes if o.algorithm == 'MDE'}
     values = [o.result.value for o in outcomes]
     errors: dict[str, list[Any]] = {'n': [o.n for o in outcomes]} | _named(outcomes)
-    for what, statistic in (('best', np.min), ('median', np.median), ('worst', np.max)):
-        errors[what] = [statistic(each) for each in values]
+    for name, statistic in (('best', np.min), ('median', np.median), ('worst', np.max)):
+        errors[name] = [statistic(each) for each in values]
     errors['reached'] = list(map(_fraction, outcomes))
     errors['function values'] = [o.result.evaluations.mean() for o in outcomes]
     errors |= _against([(mde[o.n, o.function], o) for o in outcomes])
@@ -295,19 +295,19 @@ def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
     counts: dict[str, list[Any]] = {
         'n': [n for n, _ in verdicts],
         'MDE against': [other for _, other in verdicts],
-        'MDE first': [said.count('MDE') for said in verdicts.values()],
-        'the other first': [said.count(other) for (_, other), said in verdicts.items()],
-        'no difference': [said.count('no difference') for said in verdicts.values()],
+        'MDE first': [firsts.count('MDE') for firsts in verdicts.values()],
+        'the other first': [firsts.count(other) for (_, other), firsts in verdicts.items()],
+        'no difference': [firsts.count('no difference') for firsts in verdicts.values()],
     }
     note = (
-        f'On how many of the {len(FUNCTIONS)} functions who is first. Everyone has {BUDGET} n function values a run, '
-        f'{len(outcomes[0].arrived)} runs; settings of Table 3 otherwise. {FIRST} Said to differ at p < {ALPHA:g}: of '
-        f'{sum(map(len, verdicts.values()))} such tests one may err by chance.'
+        f'Number of the {len(FUNCTIONS)} functions on which an algorithm is first. Each run has {BUDGET} n function '
+        f'evaluations, {len(outcomes[0].arrived)} runs; otherwise the settings of Table 3. {FIRST} A difference is '
+        f'significant at p < {ALPHA:g}: {sum(map(len, verdicts.values()))} tests may give one false difference.'
     )
-    title = 'Beyond the paper: who is first in 2, 10 and 30 dimensions, with equal budgets'
+    title = 'Beyond the paper: order of the algorithms in 2, 10 and 30 dimensions, with equal budgets'
     return [
         Table('dimensions', title, counts, [note]),
-        Table('dimensions_errors', 'The errors behind it', errors),
+        Table('dimensions_errors', 'Errors in 2, 10 and 30 dimensions', errors),
     ]
 
 
@@ -334,5 +334,5 @@ def _fraction(o: Outcome) -> str:
 
 
 def _of_arrived(o: Outcome, statistic: Any) -> float:
-    """Return a statistic of the generations of the runs that reach the target; NaN if none does."""
+    """Return a statistic of the generations of the runs that reach the target; NaN without such runs."""
     return float(statistic(o.result.generations[o.arrived])) if o.arrived.any() else math.nan

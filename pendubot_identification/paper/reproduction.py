@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot reproduce``: the experiments of the paper, and the files with their results."""
+"""``pendubot reproduce``: runs the experiments of the paper, and writes their results."""
 
 import argparse
 import time
@@ -26,7 +26,7 @@ from pendubot_identification.resources import resource
 from . import paper_figures, paper_tables, trials
 from .paper_tables import Table
 
-#: The parts by the method of :class:`Reproduction` that makes them.
+#: The parts by their method of :class:`Reproduction`.
 EXPERIMENTS = {
     'competition': ('table4', 'figure1'),
     'identification': ('table7', 'table8'),
@@ -39,48 +39,47 @@ HEAD = """\
 # The paper, reproduced
 
 N. S. Nguyen and D. K. Nguyen, *Parameter estimation of Pendubot model using modified differential evolution algorithm*,
-2018, doi:10.1080/02286203.2018.1525938, held against this package. Made by
+2018, doi:10.1080/02286203.2018.1525938, compared with this package. Written by
 
     pendubot reproduce{only} --runs {runs} --seed {seed}
 
-version {version}. The same command gives the same files, byte for byte; times.md and times.csv alone hold measured
-times, and those differ. What in the paper is ambiguous or lost, and what was chosen instead, is in docs/paper.md of the
-package.
+version {version}. The same command gives the same files, byte for byte; only times.md and times.csv differ, with
+measured times. docs/paper.md of the package lists ambiguous or missing details of the paper, and the choices made.
 """
 
 
 def run_reproduce(args: argparse.Namespace) -> int:
-    """Run the experiments, write, print."""
+    """Run the experiments, write the results, and print their folder."""
     wanted = tuple(dict.fromkeys(name.strip() for name in args.only.split(','))) if args.only else PARTS
     if unknown := [name for name in wanted if name not in PARTS]:
         raise UsageError(f'there is no {unknown[0]!r}; name some of {", ".join(PARTS)}')
     if not 1 <= args.runs <= trials.MOST_RUNS:
-        raise UsageError(f'{args.runs} runs were asked for; a number from 1 to {trials.MOST_RUNS} is expected')
+        raise UsageError(f'--runs is {args.runs}; a number from 1 to {trials.MOST_RUNS} is expected')
     if args.seed < 0:
         raise UsageError(f'the seed is {args.seed}; a whole number of at least 0 is expected')
-    made = Reproduction(OutputFolder(args.output, overwrite=args.force), wanted, args.seed, args.runs)
+    reproduction = Reproduction(OutputFolder(args.output, overwrite=args.force), wanted, args.seed, args.runs)
     done: list[str] = []
     try:
         for experiment, parts in EXPERIMENTS.items():
-            if here := [part for part in parts if part in wanted]:
-                getattr(made, experiment)()
-                done += here
+            if selected := [part for part in parts if part in wanted]:
+                getattr(reproduction, experiment)()
+                done += selected
     except KeyboardInterrupt:
         raise PendubotError(
-            f'interrupted; what is done is kept in {args.output}: {", ".join(done) or "nothing"}. '
+            f'interrupted; finished parts in {args.output}: {", ".join(done) or "none"}. '
             'For the rest run it again with --only and another --output'
         ) from None
     finally:
         only = '' if len(wanted) == len(PARTS) else f' --only {",".join(wanted)}'
-        made.write_index(only, [part for part in wanted if part not in done])
+        reproduction.write_index(only, [part for part in wanted if part not in done])
     print(f'{", ".join(done)}: read {args.output / "index.md"}')
     return 0
 
 
 class Reproduction:
-    """The experiments, a method each; each writes its wanted parts as soon as they are made.
+    """The experiments, one method each, which writes its wanted parts.
 
-    ``runs`` are those of a table.
+    ``runs`` is the number of runs of a table.
     """
 
     def __init__(self, folder: OutputFolder, wanted: Collection[str], seed: int, runs: int) -> None:
@@ -100,19 +99,19 @@ class Reproduction:
                 files = rendered(paper_figures.convergence(outcomes))
             self._folder.write({f'figures/figure1.{ending}': content for ending, content in files.items()})
             caption = (
-                'Figure 1: median of the best error so far, 10th to 90th percentile shaded, of all runs; a mark where '
-                'the last run ends'
+                'Figure 1: median of the best error so far of all runs, shaded from 10th to 90th percentile; the '
+                'marker is at the end of the last run'
             )
             self._texts.append(f'![{caption}](figures/figure1.png)\n\n{caption} ([SVG](figures/figure1.svg))\n')
 
     def identification(self) -> None:
-        """Identify the sample bag by the paper's criterion and MDE."""
+        """Identify the sample bag with the paper's criterion and MDE."""
         data = _sample()
-        # Without a spread, every run takes all generations, as in the paper.
+        # With spread 0, every run has all generations, as in the paper.
         settings = Settings(('energy',), 'viscous', 'mde', spread=0.0, runs=self._runs, seed=self._seed)
         with _progress('identification') as bar:
 
-            def report(what: str, done: int, of: int, best: float) -> None:
+            def report(step: str, done: int, of: int, best: float) -> None:
                 bar.total = of or None
                 bar.update(done - bar.n)
 
@@ -133,7 +132,7 @@ class Reproduction:
         self._add_tables(*paper_tables.dimensions_tables(outcomes))
 
     def write_index(self, only: str, missing: Collection[str]) -> None:
-        """Write index.md with all parts; ``only`` is the option as given, ``missing`` are parts that are not made."""
+        """Write index.md with all finished parts; ``only`` is the given option, ``missing`` are unfinished parts."""
         head = HEAD.format(only=only, runs=self._runs, seed=self._seed, version=__version__)
         left_out = [f'**Not finished:** {", ".join(missing)} are missing here.\n'] if missing else []
         self._folder.write({'index.md': '\n'.join([head, *left_out, *self._texts])})
@@ -151,7 +150,7 @@ class Reproduction:
         return done, np.diff(ends).tolist()
 
     def _add_tables(self, *tables: Table) -> None:
-        """Write the tables that belong to a wanted part, such as table4_order to table4."""
+        """Write the tables that belong to a wanted part, for example table4_order to table4."""
         for table in tables:
             if table.name.partition('_')[0] in self._wanted:
                 name = f'tables/{table.name}'
@@ -160,7 +159,7 @@ class Reproduction:
 
 
 def _progress(experiment: str) -> Any:
-    """Return a progress bar, which shows on a terminal only."""
+    """Return a progress bar, which is visible only on a terminal."""
     return tqdm(desc=experiment, disable=None, leave=False)
 
 

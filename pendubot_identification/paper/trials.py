@@ -19,15 +19,15 @@ from pendubot_identification.optimizers.optimizer import MOST_VECTORS, Objective
 from .benchmark_functions import FUNCTIONS, BenchmarkFunction
 from .competitors import CLASSIC, PARTICLES, hde, pso
 
-#: Table 3: a run stops at this error, or after 4000 generations. The 4000 of PSO are function values, as in SwarmOps;
-#: otherwise it does not match its column of Table 4.
+#: Table 3: a run stops at this error, or after 4000 generations. For PSO these are 4000 function evaluations, as in
+#: SwarmOps; otherwise it does not match its column of Table 4.
 TARGET = 1e-5
-#: n of Table 4, inferred.
+#: Number of variables in Table 4, inferred from its times.
 DIMENSION = 2
 ALGORITHMS = ('PSO', 'DE', 'HDE', 'MDE')
-#: MDE with the operator drawn once a vector, as in the text of the paper.
+#: MDE with the operator drawn once per vector, as in the text of the paper.
 PER_VECTOR = 'MDE per vector'
-#: Table 3 but for PSO; see competitors.py for that, DE and HDE.
+#: Settings of Table 3 except PSO; see competitors.py for PSO, DE and HDE.
 SETTINGS = {
     'DE': replace(CLASSIC, target=TARGET),
     'HDE': replace(CLASSIC, target=TARGET),
@@ -36,17 +36,17 @@ SETTINGS = {
 }
 HDE_RATE = 0.01
 
-#: Runs for the success rate of an algorithm, for each run of the paper's tables.
+#: Number of runs for a success rate, per run of the paper's tables.
 MANY = 10
-#: Largest number of runs of a table, which the memory limits.
+#: Largest number of runs of a table, limited by the memory.
 MOST_RUNS = MOST_VECTORS // (MANY * PARTICLES)
-#: Runs of the sweep for each run of a table, and most generations of one; runs that reach the target take 200.
+#: Runs of the sweep per run of a table, and largest number of generations; runs that reach the target take 200.
 SWEEP, SWEEP_GENERATIONS = 5, 400
 THRESHOLDS = tuple(k / 10 for k in range(11))
-#: n of the comparison beyond the paper, and function values of a run for each dimension: the budget for which Pedersen
-#: chose the parameters of DE in Table 3. At n = 2 it is the budget of PSO in the paper.
+#: Numbers of variables in the comparison beyond the paper, and function evaluations of a run per variable: Pedersen's
+#: budget for the parameters of DE in Table 3. For n = 2 it is the budget of PSO in the paper.
 DIMENSIONS, BUDGET = (2, 10, 30), 2000
-#: J is minimised at this relative distance from its least value.
+#: Relative distance from the minimum of J at which J counts as minimised.
 NEAR = 1e-6
 IDENTIFICATION = 'Identification'
 
@@ -54,26 +54,26 @@ IDENTIFICATION = 'Identification'
 def compete(
     algorithm: str, function: BenchmarkFunction, n: int, *, runs: int, seed: int = 1, evaluations: int | None = None
 ) -> OptimizationResult:
-    """Minimise a function of n variables by an algorithm with the settings of Table 3.
+    """Minimise a function of n variables with the settings of an algorithm in Table 3.
 
-    Each run ends with the generation in which it reaches a number of function ``evaluations``, or by default at the
+    Each run ends with the generation in which it reaches the number of function ``evaluations``; by default, at the
     limits of the paper.
     """
     f, bounds = function.value, function.bounds(n)
     if algorithm == 'PSO':
         return pso(f, bounds, evaluations=evaluations or 4000, target=TARGET, runs=runs, seed=seed)
-    how = SETTINGS[algorithm]
+    settings = SETTINGS[algorithm]
     if evaluations is not None:
-        each = how.population + (algorithm == 'HDE')
-        how = replace(how, generations=max(1, math.ceil((evaluations - how.population) / each)))
+        each = settings.population + (algorithm == 'HDE')
+        settings = replace(settings, generations=max(1, math.ceil((evaluations - settings.population) / each)))
     if algorithm == 'HDE':
-        return hde(f, function.gradient, bounds, how, rate=HDE_RATE, runs=runs, seed=seed)
-    return mde(f, bounds, how, runs=runs, seed=seed)
+        return hde(f, function.gradient, bounds, settings, rate=HDE_RATE, runs=runs, seed=seed)
+    return mde(f, bounds, settings, runs=runs, seed=seed)
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The result of runs of one algorithm on one function of n variables; ``threshold`` is of MDE in the sweep."""
+    """The result of the runs of an algorithm on a function of n variables; ``threshold`` is set in the sweep of MDE."""
 
     function: str
     n: int
@@ -91,18 +91,18 @@ def competition(seed: int, runs: int) -> Iterator[Outcome]:
     """Run the experiment of Table 4 and Figure 1: four algorithms on four functions with the paper's settings."""
     for f in FUNCTIONS:
         for algorithm in ALGORITHMS:
-            own = seed_of(seed, 'competition', f.name, algorithm)
-            result = compete(algorithm, f, DIMENSION, runs=MANY * runs, seed=own)
+            trial_seed = seed_of(seed, 'competition', f.name, algorithm)
+            result = compete(algorithm, f, DIMENSION, runs=MANY * runs, seed=trial_seed)
             yield Outcome(f.name, DIMENSION, algorithm, None, result)
 
 
 def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
-    """Run the same experiment in more dimensions, with equal budgets of function values."""
+    """Run the same experiment in more dimensions, with equal budgets of function evaluations."""
     for n in DIMENSIONS:
         for f in FUNCTIONS:
             for algorithm in (*ALGORITHMS, PER_VECTOR):
-                own = seed_of(seed, 'dimensions', n, f.name, algorithm)
-                result = compete(algorithm, f, n, runs=runs, seed=own, evaluations=BUDGET * n)
+                trial_seed = seed_of(seed, 'dimensions', n, f.name, algorithm)
+                result = compete(algorithm, f, n, runs=runs, seed=trial_seed, evaluations=BUDGET * n)
                 yield Outcome(f.name, n, algorithm, None, result)
 
 
@@ -117,23 +117,23 @@ def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> It
     for name, objective, box, settings, count in problems:
         for algorithm in ('MDE', PER_VECTOR):
             for threshold in THRESHOLDS:
-                own = seed_of(seed, 'sweep', name, algorithm, threshold)
-                how = replace(settings, threshold=threshold, per_component=algorithm == 'MDE')
-                result = mde(objective, box, how, runs=count, seed=own)
+                trial_seed = seed_of(seed, 'sweep', name, algorithm, threshold)
+                variant = replace(settings, threshold=threshold, per_component=algorithm == 'MDE')
+                result = mde(objective, box, variant, runs=count, seed=trial_seed)
                 yield Outcome(name, len(box.lower), algorithm, threshold, result)
 
 
-def seed_of(seed: int, *what: object) -> int:
-    """Return the seed of one of several experiments, so that their random numbers are independent."""
-    name = ' '.join(map(str, what)).encode()
+def seed_of(seed: int, *experiment: object) -> int:
+    """Return the seed of an experiment, so that the random numbers of several experiments are independent."""
+    name = ' '.join(map(str, experiment)).encode()
     return int(np.random.SeedSequence([seed, *name]).generate_state(1)[0])
 
 
 def ranks(outcomes: Sequence[OptimizationResult]) -> list[Array]:
-    """Return the ranks of runs, of which lower ones are better; ties have the same rank.
+    """Return the ranks of runs, the lowest for the best run; ties have the same rank.
 
-    Runs that reach the target come first, ordered by function values, because their errors are meaningless; then the
-    others, ordered by their errors.
+    Runs that reach the target rank first, by function evaluations, because their errors are meaningless; then the other
+    runs, by their errors.
     """
     keys = []
     for each in outcomes:
@@ -144,9 +144,9 @@ def ranks(outcomes: Sequence[OptimizationResult]) -> list[Array]:
 
 
 def rank_sum(first: Array, second: Array) -> tuple[float, float]:
-    """Return the two-sided p of the rank-sum test (Mann and Whitney 1947), and the fraction of pairs with first lower.
+    """Return the two-sided p of the rank-sum test (Mann and Whitney 1947), and the fraction of pairs won by ``first``.
 
-    Ties count half: the fraction is 1 if every run of the first is better.
+    Ties count half: the fraction is 1 if every run of ``first`` is better.
     """
     test = mannwhitneyu(first, second, alternative='two-sided', method='asymptotic')
     return float(test.pvalue), 1 - float(test.statistic) / (len(first) * len(second))

@@ -62,7 +62,7 @@ def test_a_program_that_ends_early_is_named_with_its_last_words(tmp_path):
         board = programs.start('virtual_board', '--link', tmp_path / 'board')
         programs.wait(board, (tmp_path / 'board').exists, 'opened no port')
         programs.start('virtual_board', '--rate', 'fast')
-        with pytest.raises(PendubotError, match=r"virtual_board ended early: .*'fast'.*; look into .*\.log"):
+        with pytest.raises(PendubotError, match=r"virtual_board ended early: .*'fast'.*; see .*\.log"):
             programs.wait(board, lambda: False, 'waited', 60.0)
     assert board.poll() == 0
 
@@ -81,7 +81,7 @@ def test_sigterm_ends_all_that_was_started_and_keeps_the_bag(tmp_path):
         assert demo.process.wait(20) == 1
         with pytest.raises(ProcessLookupError):
             os.killpg(demo.process.pid, 0)
-        demo.wait_for(f'what was recorded so far is kept in {folder}')
+        demo.wait_for(f'the recordings so far are kept in {folder}')
         demo.wait_for('pendubot: interrupted')
     assert 'Error' not in demo.output
     assert (bag / 'metadata.yaml').exists(), 'it is closed'

@@ -50,10 +50,10 @@ def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, run
     assert check('--torque', '1', '--speed', '1000', '--angle', '1000', '1000') == (0, shown, '')
     status, out, said = check('--torque', '0.5', '--output', never)
     assert (status, out) == (1, shown)
-    assert 'exceeds the limits: torque up to 1 N m where 0.5 N m are allowed; give it smaller' in said
+    assert 'exceeds the limits: torque up to 1 N m, limit 0.5 N m; use smaller' in said
     assert not never.exists()
     said = check('--speed', '0.25', '--angle', '0.125', '1000')[2]
-    assert re.findall(r'(\w+ of the \w+) up to [.\d]+ \S+ where ([.\d]+) ', said) == [
+    assert re.findall(r'(\w+ of the \w+) up to [.\d]+ \S+, limit ([.\d]+) ', said) == [
         ('speed of the shoulder', '0.25'),
         ('speed of the elbow', '0.25'),
         ('angle of the shoulder', '0.125'),

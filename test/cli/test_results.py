@@ -139,8 +139,8 @@ def test_parameters_that_no_rig_has_are_of_level_error(folder, run):
         ({}, 'urdf --link-length 0.5', 1, 'a length above 0 and below sqrt(P1 P2) / |P5| = 0.2867 m is expected'),
         ({'P5': 0.0}, 'urdf --link-length nan', 1, 'a length above 0 is expected'),
         ({}, 'urdf --torque-limit 0', 2, 'the torque limit is 0 N m; a number above 0 is expected'),
-        ({}, 'yaml --link-length 0.2', 2, '--link-length is of mjcf, urdf, and yaml does without'),
-        ({}, 'mjcf --revolute', 2, '--revolute is of urdf, and mjcf does without'),
+        ({}, 'yaml --link-length 0.2', 2, '--link-length belongs to mjcf, urdf, and yaml ignores it'),
+        ({}, 'mjcf --revolute', 2, '--revolute belongs to urdf, and mjcf ignores it'),
         ({}, 'usd', 2, "invalid choice: 'usd'"),
     ],
 )

@@ -74,7 +74,7 @@ def test_verbose_has_the_rest(run, made, tmp_path):
     assert status == again
     assert len(short.splitlines()) <= LINES < len(long.splitlines())
     assert 'condition number' in long
-    assert ('kept nowhere: add --output' in short, 'kept nowhere' in long) == (True, False)
+    assert ('not saved: add --output' in short, 'not saved' in long) == (True, False)
 
 
 def test_a_terminal_shows_how_far_how_long_and_how_good_but_not_in_json(tmp_path):

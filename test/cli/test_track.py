@@ -52,7 +52,7 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, refused, b
     # But not at level ERROR, nor where nothing was found.
     now.write_text(now.read_text().replace('level: OK', 'level: ERROR'))
     assert 'is of level ERROR' in refused('track', bag, '--start', now)
-    assert 'no parameters were found: 8 s of motion without a gap are needed' in refused('track', f'{bag}@0:3')
+    assert 'no parameters were identified: 8 s of motion without a gap are needed' in refused('track', f'{bag}@0:3')
     assert 'so it cannot be written' in refused('track', bag, '--output', bag / 'metadata.yaml', '--force')
 
 

@@ -67,12 +67,12 @@ def test_what_is_missing_or_not_good_enough_is_said():
     unsampled.offer(THETA)
     other.offer([1.01 * value for value in THETA])
     for readiness, accept_warn, words in (
-        (Readiness(2.0), True, 'no parameters have come'),
-        (unsampled, False, 'says how good the parameters'),
+        (Readiness(2.0), True, 'no parameters were received'),
+        (unsampled, False, 'the quality of the parameters'),
         (unsampled, True, 'too few samples'),
         (informed(level=Level.WARN), False, r'level WARN \(said so\); set the parameter accept_warn'),
         (informed(level=Level.ERROR), True, r'level ERROR \(said so\)'),
-        (other, False, 'says how good'),
+        (other, False, 'the quality of'),
     ):
         with pytest.raises(ControlError, match=words):
             readiness.ready(accept_warn)
@@ -113,8 +113,8 @@ def running():
         (lambda b: (upright(b, 1.015, now=1.1), upright(b, 1.02, now=1.13)), r'a sample is 0\.110 s old'),
         (lambda b: upright(b, 1.015, now=math.nan), 'a sample is nan s old'),
         # With use_sim_time and no /clock, or after the computer's clock was set back, no sample would ever be old.
-        (lambda b: upright(b, 1.2, now=1.015), r'a sample is -0\.185 s old; .* look at the clocks and at use_sim_time'),
-        (lambda b: upright(b, 1.115, now=1.06), 'passed between two samples'),
+        (lambda b: upright(b, 1.2, now=1.015), r'a sample is -0\.185 s old; .* check the clocks and use_sim_time'),
+        (lambda b: upright(b, 1.115, now=1.06), 'time between two samples'),
         (lambda b: b.silence(1.2), r'no sample for 0\.190 s'),
         (lambda b: upright(b, 1.015, now=1.2), r'no sample for 0\.190 s'),
     ],
@@ -158,7 +158,7 @@ def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
     end(balancing, planned(*wanted))
     assert balancing.to_prepare(False) == wanted
     if balancing.plan is None:
-        with pytest.raises(ControlError, match='preparing itself'):
+        with pytest.raises(ControlError, match='being designed'):
             balancing.begin()
     assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was simulated'
     balancing.prepared(replace(planned(*wanted), swing_up=math.inf))
@@ -179,12 +179,12 @@ def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
 
 def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
     """The paper's own values: link 1 would be 3 cm long."""
-    with pytest.raises(ControlError, match=r'can hardly be balanced: the gain may be 0\.7. to 1\.1. times'):
+    with pytest.raises(ControlError, match=r'margins are too small: gain factors of 0\.7. to 1\.1. and'):
         Plan.make(PAPER, Loop(0.01, 0.004, 2.0))
 
 
 def test_it_does_not_begin_unprepared_nor_twice():
-    with pytest.raises(ControlError, match='preparing itself'):
+    with pytest.raises(ControlError, match='being designed'):
         Balancing(2.0).begin()
     with pytest.raises(ControlError, match='it is running already'):
         running().begin()
@@ -192,7 +192,7 @@ def test_it_does_not_begin_unprepared_nor_twice():
 
 def test_what_cannot_be_swung_up_may_be_held_all_the_same():
     for balancing, words in (
-        (prepared(swing_up=math.inf), 'do not swing this rig up, as a simulation shows'),
+        (prepared(swing_up=math.inf), 'do not swing this rig up in simulation'),
         (prepared(SafetyLimits(swing_up=0.0)), 'swing_up_time is 0'),
     ):
         balancing.sample(1.0, 1.0, (-UPRIGHT, 0.0), 0.0)

@@ -124,7 +124,7 @@ def test_new_parameters_come_in_without_a_jump():
         ({'shoulder': 1.0}, 'rad from upright; at most 1 rad'),
         ({'elbow': 0.5}, 'the elbow has turned by'),
         ({'speed': 3.0}, 'a joint moves at'),
-        ({'swing_up': 0.0}, 'not near enough to upright'),
+        ({'swing_up': 0.0}, 'too far from upright'),
         ({'swing_up': 0.4}, 'not upright after 0.4 s'),
     ],
 )
@@ -137,8 +137,8 @@ def test_it_stops_at_its_bounds(bounds, words):
 @pytest.mark.parametrize(
     ('t', 'q', 'effort', 'words'),
     [
-        (0.2, HANGING, 0.0, r'0\.195 s passed'),
-        (0.005, HANGING, 0.0, r'0\.000 s passed'),
+        (0.2, HANGING, 0.0, r'two samples is 0\.195 s'),
+        (0.005, HANGING, 0.0, r'two samples is 0\.000 s'),
         (0.01, (math.nan, 0.0), 0.0, 'finite'),
         (0.01, HANGING, math.inf, 'finite'),
     ],
@@ -158,5 +158,5 @@ def test_too_small_a_motor_is_known_beforehand():
 
 
 def test_a_rig_whose_second_link_does_not_swing_out_is_refused():
-    with pytest.raises(ControlError, match='centre of mass at the elbow'):
+    with pytest.raises(ControlError, match='centre of mass of link 2 is at the elbow'):
         Design.make(replace(BALANCE, P5=-0.01), LOOPS[200])

@@ -285,11 +285,11 @@ def test_a_state_from_before_this_arming_does_not_count():
 @pytest.mark.parametrize(
     ('change', 'said'),
     [
-        ({'cmd_seq': 40_000}, 'the board obeys frame 40000, which this host did not send'),
-        ({'lock': 3}, 'another program moves the motor'),
-        ({'torque': 100_000}, 'the board gives 0.1 N m where 0.5 N m were commanded'),
-        ({'torque': 600_000, 'status': Status.ARMED | Status.SATURATED}, 'the board gives 0.6 N m where'),
-        ({'torque': -1, 'status': Status.ARMED | Status.SLEW}, 'the board gives -1e-06 N m where 0.5'),
+        ({'cmd_seq': 40_000}, 'the board executes frame 40000, which this host did not send'),
+        ({'lock': 3}, 'another program commands it'),
+        ({'torque': 100_000}, 'the board applies 0.1 N m instead of the commanded 0.5 N m'),
+        ({'torque': 600_000, 'status': Status.ARMED | Status.SATURATED}, 'the board applies 0.6 N m instead'),
+        ({'torque': -1, 'status': Status.ARMED | Status.SLEW}, 'the board applies -1e-06 N m instead of the commanded'),
         ({'status': 0, 'cmd_seq': 40_000, 'lock': 2, 'torque': 0}, 'another program disarmed the board'),
     ],
 )
@@ -323,7 +323,7 @@ def test_a_board_that_does_not_obey_the_request_to_disarm_is_reported_until_it_d
         reports += wire.state(**state) + wire.wait(0)
     requests = wire.sent()
     assert len(requests) == 16, 'it is repeated'
-    assert ['does not obey' in text for text in texts(reports)] == [False, True]
+    assert ['ignores the request' in text for text in texts(reports)] == [False, True]
     assert wire.host.condition(wire.now).level is Level.ERROR
     wire.state(cmd_seq=requests[0].seq)
     assert wire.host.condition(wire.now).level is Level.WARN
@@ -418,7 +418,7 @@ def test_the_board_is_told_of_confirmed_zeros_until_it_says_so_and_what_it_says_
     wire = Wire(HostConfig())
     closed = Host()
     closed.closed('the port x is missing', 0)
-    assert closed.confirm_zeros(0) == (False, 'no angle comes: the port x is missing')
+    assert closed.confirm_zeros(0) == (False, 'no angle arrives: the port x is missing')
     wire.states(10)
     assert 'were not at rest for a second (q1 = ' in wire.host.confirm_zeros(wire.now)[1]
     wire.states(100)
@@ -470,7 +470,7 @@ def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_
         reports += texts(wire.do(wire.host.motor.effort, (-1) ** k * 10.0))
         assert wire.sent()[-1].torque == (-1) ** k * limit
         wire.state(**wire.effort(-0.1))
-    assert reports == [f'an effort command of 10 N m came; at most {limit / 1e6:g} N m are sent']
+    assert reports == [f'an effort command is 10 N m; at most {limit / 1e6:g} N m are sent']
     diagnosis = health.diagnose(wire.host, wire.now)
     assert (diagnosis.level, diagnosis.values['clamped']) == (Level.WARN, '200')
     assert diagnosis.values['torque limit [N m]'] == f'{limit / 1e6:g}'
@@ -513,12 +513,12 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
         ),
         (
             lambda wire: [e for _ in range(3) for e in wire.do(wire.host.motor.effort, math.nan)],
-            'an effort command of nan',
+            'an effort command is nan',
             {'not_finite': 3},
         ),
         (
             lambda wire: wire.do(wire.host.motor.effort, -math.inf),
-            'an effort command of -inf',
+            'an effort command is -inf',
             {'not_finite': 1},
         ),
         (
@@ -578,8 +578,8 @@ def test_a_board_that_answers_but_does_not_sample_is_lost_once():
             reports += wire.wait(10)
         reports += wire.hear(replace(HELLO, seq=seq))
     assert ['link lost' in report.text for report in reports] == [True]
-    assert wire.host.condition(0) == Report(Level.ERROR, 'no valid sample comes from the board')
-    assert texts(wire.state(22, 20_000)) == ['the board is heard again']
+    assert wire.host.condition(0) == Report(Level.ERROR, 'no valid sample arrives from the board')
+    assert texts(wire.state(22, 20_000)) == ['the board sends again']
     assert wire.host.link == 'up'
 
 

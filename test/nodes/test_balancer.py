@@ -54,7 +54,7 @@ def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_
     rig,
 ):
     balancer = patient(rig)
-    balancer.wait_for('waiting: no parameters have come on pendubot/params')
+    balancer.wait_for('waiting: no parameters were received on pendubot/params')
     rig.publish(level=2, message='useless')
     balancer.wait_for('level ERROR (useless)')
     assert not rig.call('/balancer/start').success
@@ -74,7 +74,7 @@ def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_
     rig.start_board(seed=2)
     begin_and_hold(rig)
     rig.publish([*BALANCE.vector()[:2], 0.02, *BALANCE.vector()[3:]])
-    balancer.wait_for('stopped: no rig has the parameters that came')
+    balancer.wait_for('stopped: the parameters are unphysical')
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
 
 
@@ -161,7 +161,7 @@ def test_it_takes_nothing_from_inputs_with_two_publishers_and_stops_at_a_second_
     foreign = foreign_parameters()
     rig.publish()
     balancer = patient(rig)
-    balancer.wait_for(f'a message was not taken: {PARAMS} has 2 publishers: /elsewhere/stranger, /listener; only one')
+    balancer.wait_for(f'a message was ignored: {PARAMS} has 2 publishers: /elsewhere/stranger, /listener; only one')
     assert refuses_to_start(PARAMS, '/listener')
     stranger.destroy_publisher(foreign)
     balancer.wait_for('prepared', 60.0)
@@ -176,7 +176,7 @@ def test_it_takes_nothing_from_inputs_with_two_publishers_and_stops_at_a_second_
     # While it moves, parameters of a second publisher change nothing.
     prepared = balancer.output.count('prepared')
     foreign_parameters()
-    balancer.wait_for('a message was not taken: /pendubot/params has 2 publishers')
+    balancer.wait_for('a message was ignored: /pendubot/params has 2 publishers')
     rig.until(lambda: rig.held()[1] > 2.0, 60.0)
     assert balancer.output.count('prepared') == prepared
     stranger.create_publisher(JointState, '/joint_states', 1)

@@ -157,7 +157,7 @@ def test_the_exciter_moves_nothing_that_no_active_recorder_writes(manager, rig, 
     rows = len(r.trace())
     r.until(lambda: len(r.trace()) > rows + 50)
     recorder.kill()
-    exciter.wait_for('stopped: nothing was recorded for 5 s; look at the recorder')
+    exciter.wait_for('stopped: nothing was recorded for 5 s; check the recorder')
     assert exciter.process.wait(10) == 1
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
     torque = read_trajectory(tmp_path / 'bag').trajectory.tau[:, 0]

@@ -165,10 +165,10 @@ def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_n
         publisher.publish(Float64(data=0.0))
         wait(lambda: recorded(path) == 1)
         passing = node.create_publisher(Float64, '/lost', poor)
-        program.wait_for('/lost: 1 of 2 publishers offer less and are not heard')
-        assert spin_until(node, lambda: diagnostics and 'not heard' in diagnostics[-1][1])
+        program.wait_for('/lost: 1 of 2 publishers offer less and are not recorded')
+        assert spin_until(node, lambda: diagnostics and 'not recorded' in diagnostics[-1][1])
         node.destroy_publisher(passing)
-        assert spin_until(node, lambda: 'not heard' not in diagnostics[-1][1])
+        assert spin_until(node, lambda: 'not recorded' not in diagnostics[-1][1])
         program.halt()
         for k in range(1, 20_000):
             publisher.publish(Float64(data=float(k)))

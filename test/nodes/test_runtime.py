@@ -46,7 +46,7 @@ REFUSED = [
     ('player', {'bag': "''"}, 'bag is empty; give the folder of a bag'),
     ('player', {'bag': '/nowhere'}, 'there is no bag /nowhere'),
     ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
-    ('player', {'bag': BAG, 'topics': '[/other]'}, 'holds nothing on /other; its topics are /joint_states'),
+    ('player', {'bag': BAG, 'topics': '[/other]'}, 'has no messages on /other; its topics are /joint_states'),
 ]
 #: Runs them one after the other in one process, for most of the time Python would take to start; and says of each how
 #: it ended.
@@ -68,7 +68,7 @@ FILES = [
     ({'bridge': {'port': '', 'seed': 1}}, 'bridge has no parameter seed'),
     # A file for all nodes may have parameters of other nodes.
     ({'/**': {'port': '', 'seed': 1, 'max_age': 0.1}}, 'port is empty'),
-    ({'recorder': {'output': 'swing'}}, 'it holds parameters of /recorder, and none of /bridge'),
+    ({'recorder': {'output': 'swing'}}, 'it contains parameters of /recorder, and none of /bridge'),
 ]
 
 

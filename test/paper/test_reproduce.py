@@ -74,7 +74,7 @@ def test_the_same_seed_gives_the_same_bytes_and_a_part_is_the_same_alone(everyth
 @pytest.mark.parametrize(
     ('arguments', 'status', 'sentence'),
     [
-        ('--runs 0', 2, '0 runs were asked for; a number from 1 to 67 is expected'),
+        ('--runs 0', 2, '--runs is 0; a number from 1 to 67 is expected'),
         ('--runs 68', 2, 'a number from 1 to 67'),
         ('--seed -1', 2, 'the seed is -1'),
         ('--output file/out', 1, 'cannot be written'),
@@ -103,7 +103,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, monkeypatch, refused):
 
     monkeypatch.setattr(trials, 'mde', interrupted)
     said = refused('reproduce', '--only', 'table7,threshold', '--runs', 1, '--output', tmp_path / 'out')
-    assert f'interrupted; what is done is kept in {tmp_path / "out"}: table7. For the rest' in said
+    assert f'interrupted; finished parts in {tmp_path / "out"}: table7. For the rest' in said
     index = (tmp_path / 'out' / 'index.md').read_text()
     assert 'Not finished:** threshold' in index
     assert (tmp_path / 'out' / 'tables' / 'table7.md').read_text() in index
