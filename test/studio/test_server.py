@@ -152,7 +152,6 @@ def test_a_shell_repeats_the_checks_and_a_fit_starts_from_a_result_file(page, mo
 
 SENTENCES = {
     'german.csv': b'Zeit;q1;q2;tau1\n' + b''.join(b'0,%02d;0,1;0,2;0,3\n' % k for k in range(99)),
-    'broken.xlsx': b'PK',
     'cut.csv.gz': gzip.compress(b't,q1,q2,tau1\n' * 99)[:40],
     'broken.mcap': b'\x89MCAP0\r\n' + bytes(99),
 }
