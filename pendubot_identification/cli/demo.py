@@ -30,7 +30,6 @@ from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.report import tables
-from pendubot_identification.report.plots import draw_balance
 from pendubot_identification.results.result_file import read_complete_result, read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -177,6 +176,8 @@ def _balance(rclpy: Any, folder: Path) -> None:
         observer = _twice(lambda: _balanced(rclpy, folder))
     t, q1, q2, tau = np.array(observer.samples).T
     motion = Trajectory(t - t[0], np.column_stack([q1, q2]), np.column_stack([tau, 0 * tau]), name='swing-up')
+    from pendubot_identification.report.plots import draw_balance  # imports matplotlib
+
     draw_balance(picture, motion, LIMIT)
     error = np.abs(read_result(written).theta.vector() / BALANCE.vector() - 1)[:5].max()
     print(f'identified within {100 * error:.2g} % of P1 to P5; picture: {picture}')

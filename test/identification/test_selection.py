@@ -19,7 +19,7 @@ from test.criteria.likelihoods import likelihood
 from test.simulated_rig import Rig
 
 TRUE = np.append(list(rig.TRUE.values()), np.zeros(5))
-RECORDINGS, SECONDS = 3, 8.0
+RECORDINGS, SECONDS = 2, 8.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ EFFECTS = {
 
 @pytest.fixture(scope='module')
 def recorded():
-    """Return three recordings of each rig by its effect's name; all rigs are simulated at once."""
+    """Return the recordings of each rig by its effect's name; all rigs are simulated at once."""
     rigs = {'clean': Rig(), **{name: made for name, (made, _) in EFFECTS.items()}}
     batch = [made for made in rigs.values() for _ in range(RECORDINGS)]
     more = np.array([getattr(made, 'shoulder', 0.0) for made in batch])

@@ -53,7 +53,7 @@ def rigs():
     return {name: np.column_stack([t, q[k], tau[k], 0 * t]) for k, name in enumerate(DAYS)}
 
 
-def follow(samples, start=None, portion=77):
+def follow(samples, start=None, portion=200):
     """Return the tracker, all its states, and all events."""
     tracker = Tracker(start)
     told = [o for k in range(0, len(samples), portion) for o in tracker.feed(samples[k : k + portion])]
@@ -355,7 +355,7 @@ def test_without_motion_the_tracker_waits_and_reports_it():
 def test_a_rig_with_unmodelled_effects_is_tracked_with_a_warning():
     names = ('nothing', *SEEN)
     strong = [(CATALOGUE | UNKNOWN)[name][2] for name in SEEN]
-    rigs = with_effects([5] * len(names), [Rig(), *strong], seconds=16.0, step=0.001)
+    rigs = with_effects([5] * len(names), [Rig(), *strong], seconds=12.0, step=0.002)
     for name, rig in zip(names, rigs, strict=True):
         _, states, _ = follow(np.column_stack([rig.t, rig.q, rig.tau, 0 * rig.t]))
         warned = [any('has unmodelled effects' in warning for warning in state.warnings) for state in states]
