@@ -16,6 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.signal import correlate
+from scipy.stats import binned_statistic
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import STEP, Simulations
@@ -200,8 +202,7 @@ class Prepared:
                 x = values[usual[:, k], k]
                 edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
                 if len(edges) > 2:
-                    sums, counts = (np.histogram(x, edges, weights=w)[0] for w in (torque[usual[:, k], k], None))
-                    means = sums / np.where(counts, counts, np.nan)
+                    means = binned_statistic(x, torque[usual[:, k], k], bins=edges).statistic
                     axis.plot((edges[1:] + edges[:-1]) / 2, means, color=COLOURS[k])
                     axis.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
                 if k == 1:
@@ -318,9 +319,8 @@ def _autocorrelation(times: Sequence[Array], parts: Sequence[Array]) -> tuple[Ar
     lags = int(min(2 * AHEAD / interval, max(map(len, times)) // 2))
     sums = np.zeros((lags + 1, parts[0].shape[1]))
     for part in parts:
-        size = len(part) + lags
-        power = np.abs(np.fft.rfft(part, size, axis=0)) ** 2
-        sums += np.fft.irfft(power, size, axis=0)[: lags + 1]
+        padded = np.pad(part, ((0, lags), (0, 0)))
+        sums += np.column_stack([correlate(a, b, 'valid', 'fft') for a, b in zip(padded.T, part.T, strict=True)])
     return interval * np.arange(lags + 1.0), np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
 
 
