@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import detrend
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import Pair
@@ -95,5 +96,4 @@ class SignCheck:
         for torque, (q1, q2) in zip(torques, measured[1:], strict=True):
             state = advance(self._theta, state, (torque, 0.0), self._step, math)
             errors.append((q1 - state[0], q2 - state[1]))
-        _, residuals, *_ = np.polyfit(np.arange(len(errors)), errors, 1, full=True)
-        return float(residuals.sum() / len(errors))
+        return float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PPoly
-from scipy.linalg import solve_banded
+from scipy.signal import lfilter
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.likelihood import Extension, Shape, Unknown
@@ -230,8 +230,7 @@ def _lagged(motion: Motion, unknowns: Array) -> Motion:
     t, mean = _fine_torque(motion)
     step, lag = t[1] - t[0], float(unknowns[0])
     decay = math.exp(-step / lag)
-    # late[k] - decay late[k-1] = (1 - decay) mean[k]
-    late = solve_banded((1, 0), np.tile([[1.0], [-decay]], len(mean)), (1 - decay) * mean)
+    late = lfilter([1 - decay], [1, -decay], mean, axis=0)
     before = np.vstack([np.zeros((1, 2)), late[:-1]])
     # The mean of a lagged torque over a step lies between its values at both ends.
     part = (1 - decay) * lag / step

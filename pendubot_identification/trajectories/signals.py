@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import correlate1d
+from scipy.signal import savgol_filter
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
@@ -133,23 +132,8 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
         raise TrajectoryError(f'{len(q)} samples are fewer than the window of {window:g} s holds; choose a shorter one')
-    return _savitzky_golay(q, interval, length)
-
-
-def _savitzky_golay(q: Array, interval: float, length: int) -> tuple[Array, Array]:
-    """Return values and slopes of polynomials fitted to ``length`` samples around each, at the ends to the last ones.
-
-    As scipy.signal.savgol_filter, whose import takes a third of the start of every program that identifies.
-    """
-    half = length // 2
-    offsets = np.arange(-half, half + 1.0)
-    fit = np.linalg.pinv(np.vander(offsets, SETTINGS.degree + 1, increasing=True))
-    smooth, rates = (correlate1d(q, weights, axis=0) for weights in fit[:2])
-    for edge, window in ((slice(half), slice(length)), (slice(-half, None), slice(-length, None))):
-        coefficients = fit @ q[window]
-        smooth[edge] = polynomial.polyval(offsets[edge], coefficients).T
-        rates[edge] = polynomial.polyval(offsets[edge], polynomial.polyder(coefficients)).T
-    return smooth, rates / interval
+    smooth, rates = (savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
+    return smooth, rates
 
 
 def encoder_step(q: Array) -> Array:

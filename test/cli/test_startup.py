@@ -22,7 +22,7 @@ try:
     main(sys.argv[1:])
 except SystemExit:
     pass
-print(json.dumps(sorted(sys.modules)), file=sys.stderr)
+print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})), file=sys.stderr)
 """
 
 
@@ -40,7 +40,7 @@ def imported(*arguments):
     [
         (['identify', '--help'], {'numpy', 'mcap', 'rosbags', 'yaml', 'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
         (['info', SAMPLE], {'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
-        (['identify', SAMPLE], {'matplotlib', 'jinja2', 'scipy.signal', 'scipy.stats'}),
+        (['identify', SAMPLE, *FAST], {'matplotlib', 'jinja2'}),
     ],
 )
 def test_nothing_is_imported_that_is_not_needed(arguments, unwanted):

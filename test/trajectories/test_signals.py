@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.signal import savgol_filter
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.trajectories.signals import (
@@ -60,13 +59,6 @@ def swing(duration, rate, seed):
 
 def read(q, counts):
     return np.round(q * counts / (2 * np.pi)) * (2 * np.pi / counts)
-
-
-@pytest.mark.parametrize(('samples', 'length'), [(5, 5), (50, 5), (300, 21)])
-def test_the_polynomials_are_those_of_savitzky_and_golay(samples, length):
-    q = np.random.default_rng(1).normal(size=(samples, 2)).cumsum(axis=0)
-    for derivative, found in enumerate(differentiate(q, 0.01, (length - 1) * 0.01)):
-        np.testing.assert_allclose(found, savgol_filter(q, length, 3, derivative, 0.01, axis=0), atol=1e-9)
 
 
 @given(st.integers(100, 1 << 15), st.sampled_from([100, 500, 1000]), st.integers(0, 10**6), st.floats(-3, 3))
