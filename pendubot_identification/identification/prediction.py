@@ -55,13 +55,6 @@ class Prediction:
         """Fit of each state in per cent, 100 (1 - error / standard deviation), shape (H, 4)."""
         return 100 * (1 - self.errors)
 
-    @property
-    def loss(self) -> float:
-        """The mean logarithm of the error up to 0.5 s, for comparisons; NaN without any."""
-        errors = self.error[:ASSESSED]
-        errors = errors[np.isfinite(errors)]
-        return float(np.log(np.maximum(errors, 1e-12)).mean()) if errors.size else np.nan
-
     @classmethod
     def none(cls) -> Prediction:
         """Return a prediction without simulations."""
