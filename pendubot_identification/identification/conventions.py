@@ -37,6 +37,7 @@ from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.trajectories.conversion import Affine, Conversion
 from pendubot_identification.trajectories.motion import Motion
 
+from .settings import Settings
 from .uncertainty import regression_covariance
 
 Matrix = tuple[tuple[int, int], tuple[int, int]]
@@ -200,6 +201,13 @@ def diagnose(
     if expected_link_length is not None:
         faults += _wrong_length(corrected, model, expected_link_length)
     return tuple(faults)
+
+
+def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault, ...]:
+    """Return the faults of the recordings' conventions, with the options that correct them."""
+    low, high = settings.delays
+    model, delay = 'rotor' if settings.model == 'auto' else settings.model, low if low == high else 0.0
+    return with_options(diagnose(motions, model, delay, settings.link_length), settings.reading)
 
 
 def with_options(faults: Iterable[Fault], conversion: Conversion) -> tuple[Fault, ...]:

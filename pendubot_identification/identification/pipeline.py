@@ -10,25 +10,20 @@ from dataclasses import replace
 import numpy as np
 
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.level import Level
 from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .assessment import assess, require_excitation, stillness
-from .catalogue import compensated
-from .conventions import Fault, agrees_with_exact_fit, corrected_conversion, diagnose, link_length, with_options
+from .conventions import Fault, corrected_conversion, detect_faults, link_length
 from .estimate import Progress
-from .fitting import Composite, TrainingData, fit_composite
+from .fitting import TrainingData, fit_composite
 from .identification import Identification, Run
 from .prediction import folds
-from .residuals import remarks, validation_remarks
+from .residuals import remaining_faults, remarks, validation_remarks
 from .settings import Settings
 from .validation import validated
-
-#: The criteria in the order in which they are published.
-TRUST = ('likelihood', 'weak', 'energy')
 
 
 def identify(
@@ -38,9 +33,7 @@ def identify(
     progress: Progress | None = None,
     notes: Sequence[str] = (),
 ) -> Identification:
-    """Estimate the parameters of a rig from one or more of its motions.
-
-    Inconsistent timestamps of a motion are replaced by even ones.
+    """Estimate the parameters of a rig from one or more of its motions; replace inconsistent timestamps by even ones.
 
     Args:
         training: the motions that estimate; they are pooled.
@@ -71,7 +64,7 @@ def check(
         TrajectoryError, ExcitationError: as :func:`identify`.
     """
     prepared = _prepare(training, validation, settings or Settings(), (), lambda activity, done, total, best: None)
-    return _faults(prepared, prepared.data.motions)
+    return detect_faults(prepared.data.motions, prepared.settings)
 
 
 def _prepare(
@@ -83,29 +76,19 @@ def _prepare(
 ) -> Run:
     """Require informative motion, and smooth the recordings."""
     report('preparing', 0, 0, math.nan)
-    motions, validation_motions = ([evenly_stamped(motion) for motion in part] for part in (training, validation))
-    for motion in (*motions, *validation_motions):
-        motion.require_samples()
+    motions, others = ([evenly_stamped(motion.require_samples()) for motion in part] for part in (training, validation))
     require_excitation(motions, settings)
     of_rig = settings.of_rig(motions)
-    moving = tuple(motion for motion in validation_motions if not stillness(motion))
-    noted = (*notes, *filter(None, map(stillness, validation_motions)))
-    noticed = (*noted, *data_checks([*training, *validation]))
-    return Run(of_rig, TrainingData.prepare(motions, of_rig), moving, noted, noticed)
+    moving = tuple(motion for motion in others if not stillness(motion))
+    noted = (*notes, *filter(None, map(stillness, others)))
+    warnings = (*noted, *data_checks([*training, *validation]))
+    return Run(of_rig, TrainingData.prepare(motions, of_rig), moving, noted, warnings)
 
 
 def _check_conventions(run: Run, report: Progress) -> Run:
     """Check signs, order, zeros and stamps."""
     report('checking signs, zeros and stamps', 0, 0, math.nan)
-    return replace(run, faults=_faults(run, run.data.excerpt().motions))
-
-
-def _faults(run: Run, motions: Sequence[Motion]) -> tuple[Fault, ...]:
-    """Return the faults of the recordings' conventions, with the options that correct them."""
-    low, high = run.settings.delays
-    model, delay = 'rotor' if run.settings.model == 'auto' else run.settings.model, low if low == high else 0.0
-    faults = diagnose(motions, model, delay, run.settings.link_length)
-    return with_options(faults, run.settings.reading)
+    return replace(run, faults=detect_faults(run.data.excerpt().motions, run.settings))
 
 
 def _fit(run: Run, report: Progress) -> Run:
@@ -121,21 +104,8 @@ def _fit(run: Run, report: Progress) -> Run:
         corrected = corrected_conversion(run.faults)
         words = {} if corrected is None else corrected.words()
         raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
-    return replace(run, data=composite.data, composite=composite, faults=_remaining_faults(run, composite))
-
-
-def _remaining_faults(run: Run, composite: Composite) -> tuple[Fault, ...]:
-    """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option."""
-    faults, accepted = run.faults, any(found.accepted for found in composite.effects)
-    if composite.exact and not accepted:
-        return tuple(fault for fault in faults if agrees_with_exact_fit(fault, composite.offsets))
-    if not faults or not accepted:
-        return faults
-    motions = composite.data.excerpt().motions
-    remaining = _faults(run, [compensated(m, composite.effects, composite.delay) for m in motions])
-    named = {fault.name for fault in remaining}
-    mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in faults]
-    return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
+    faults = remaining_faults(run.faults, composite, run.settings)
+    return replace(run, data=composite.data, composite=composite, faults=faults)
 
 
 def _check_residuals(run: Run, report: Progress) -> Run:
@@ -149,20 +119,18 @@ def _check_residuals(run: Run, report: Progress) -> Run:
 
 def _validate(run: Run, report: Progress) -> Run:
     """Compute the estimate of each criterion, with its prediction of validation data."""
-    validation_motions = [
-        Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions
-    ]
-    split = replace(run, folds=() if validation_motions else tuple(folds(run.data.motions)))
-    answers = (validated(c, split, validation_motions, report) for c in run.criteria)
+    motions = [Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions]
+    split = replace(run, folds=() if motions else tuple(folds(run.data.motions)))
+    answers = (validated(criterion, split, motions, report) for criterion in run.criteria)
     # Zeros of single recordings would compensate a common fault.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
-    disturbed = () if run.composite is None or not run.sound else validation_remarks(run.composite, validation_motions)
-    return replace(split, estimates=estimates, remarks=(*run.remarks, *disturbed))
+    disturbances = validation_remarks(run.composite, motions) if run.composite is not None and run.sound else ()
+    return replace(split, estimates=estimates, remarks=(*run.remarks, *disturbances))
 
 
 def _assess(run: Run) -> Identification:
     """Assess each estimate, and select the published one."""
-    published = next(run.criteria.index(c) for c in TRUST if c in run.settings.criteria)
+    published = run.criteria.index(max(run.settings.criteria, key=run.criteria.index))  # the most accurate is last
     best = run.estimates[published]
     length = link_length(run.data.motions, best.model, best.effort.delay)
     findings = (run.remarks if each is best else run.notes for each in run.estimates)

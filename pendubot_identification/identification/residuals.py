@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtr
@@ -13,15 +13,17 @@ from scipy.special import stdtr
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH
 from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.trajectories.motion import Motion
 
 from .catalogue import compensated
-from .conventions import joint_regression
+from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
 from .estimate import Zeros
 from .fitting import SETTINGS as FITTING
 from .fitting import Composite, with_fitted_noise
 from .selection import Problem
+from .settings import Settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,19 @@ class ResidualSettings:
 
 
 SETTINGS = ResidualSettings()
+
+
+def remaining_faults(faults: tuple[Fault, ...], answer: Composite, settings: Settings) -> tuple[Fault, ...]:
+    """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option."""
+    accepted = any(effect.accepted for effect in answer.effects)
+    if answer.exact and not accepted:
+        return tuple(fault for fault in faults if agrees_with_exact_fit(fault, answer.offsets))
+    if not faults or not accepted:
+        return faults
+    motions = [compensated(motion, answer.effects, answer.delay) for motion in answer.data.excerpt().motions]
+    named = {fault.name for fault in detect_faults(motions, settings)}
+    mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in faults]
+    return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
 
 def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[str]:
