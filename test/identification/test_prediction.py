@@ -33,7 +33,6 @@ def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay, parts):
     prediction = predict(motions, vector(model), step * delay, scale)
     np.testing.assert_allclose(prediction.errors, 0, atol=1e-6)
     np.testing.assert_allclose(prediction.fit, 100, atol=1e-3)
-    assert prediction.loss < -10
     assert (prediction.starts > 20).all()
     assert (predict(motions, vector(model), step * delay + 0.02, scale).error > 0.005).all()
     assert (predict(motions, vector(model) * 1.5, step * delay, scale).error[1:] > 0.001).all()
@@ -86,7 +85,6 @@ def test_horizons_longer_than_the_motion_are_not_known(duration):
     np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
     np.testing.assert_array_equal(np.isnan(prediction.still).any(axis=1), longer)
     np.testing.assert_array_equal(prediction.starts == 0, longer)
-    assert np.isnan(prediction.loss) == longer.all()
 
 
 @pytest.mark.parametrize('delay', [0.0, -0.0041, 0.05])
@@ -110,7 +108,6 @@ def test_a_hopeless_simulation_is_lost_and_no_more():
         prediction = predict([motion], vector('viscous') * [1, 1, 1, 1, 1, -1e4, 1], 0.0, SCALE)
     assert np.isfinite(prediction.errors).all()
     assert prediction.errors.max() == 1e3
-    assert prediction.loss > 3
 
 
 @settings(max_examples=6)
