@@ -30,7 +30,7 @@ class Demo(Program):
 
     def wait_for_log(self, name, text):
         """Wait until one of its programs has said this."""
-        log, deadline = self.folder / f'{name}.log', time.monotonic() + 60.0
+        log, deadline = self.folder / f'{name}.log', time.monotonic() + 180.0
         while not (log.exists() and text in log.read_text()):
             assert time.monotonic() < deadline, self.output
             assert self.process.poll() is None, self.output
