@@ -107,7 +107,7 @@ def test_other_formats_of_text_are_read(given, text, encoding):
             (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}')
             for stamp, what in (
                 ('5.00', 'repeats, after 5; every row needs a later one: export more digits'),
-                ('4.99', 'runs back, after 5; every row needs a later one: keep one run in each file'),
+                ('4.99', 'decreases, after 5; every row needs a later one: keep one run in each file'),
             )
         ),
     ],
@@ -159,7 +159,7 @@ def in_excel(path, *rows):
 UNUSABLE = {
     'nowhere.csv': (lambda path: None, 'there is no file'),
     'binary.csv': (lambda path: path.write_bytes(b'\x89MCAP0\r\n\xff'), 'no text in UTF-8'),
-    'text.mat': (lambda path: path.write_text('hello' * 99), r'is no \.mat file that can be read'),
+    'text.mat': (lambda path: path.write_text('hello' * 99), r'is not a readable \.mat file'),
     'text.xlsx': (lambda path: path.write_text('hello'), r'is no \.xlsx file'),
     'text.parquet': (lambda path: path.write_text('hello'), r'is no \.parquet file'),
     'strings.mat': (lambda path: in_matlab(path, a='text', n=3.0), 'holds no columns of numbers'),
@@ -169,7 +169,7 @@ UNUSABLE = {
     ),
     'timetable.mat': (
         lambda path: path.write_bytes(b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + opaque()),
-        r"which MATLAB alone can read; in MATLAB, writetable\(timetable2table\(T\), 'run.csv'\)",
+        r"which only MATLAB can read; in MATLAB, writetable\(timetable2table\(T\), 'run.csv'\)",
     ),
     'blank.xlsx': (in_excel, 'holds no columns of numbers'),
     'names.xlsx': (lambda path: in_excel(path, NAMES), 'holds no row of numbers'),
