@@ -95,7 +95,7 @@ def test_other_formats_of_text_are_read(given, text, encoding):
         (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; decimals .*: add --decimal comma"),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
-        (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*; record at a higher rate'),
+        (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*: record at a higher rate'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (
             TEXT.replace('q1', 'q1 [deg]').replace('q2', 'q2 [rad]'),
@@ -160,8 +160,8 @@ UNUSABLE = {
     'nowhere.csv': (lambda path: None, 'there is no file'),
     'binary.csv': (lambda path: path.write_bytes(b'\x89MCAP0\r\n\xff'), 'no text in UTF-8'),
     'text.mat': (lambda path: path.write_text('hello' * 99), r'is not a readable \.mat file'),
-    'text.xlsx': (lambda path: path.write_text('hello'), r'is no \.xlsx file'),
-    'text.parquet': (lambda path: path.write_text('hello'), r'is no \.parquet file'),
+    'text.xlsx': (lambda path: path.write_text('hello'), r'is not a readable \.xlsx file'),
+    'text.parquet': (lambda path: path.write_text('hello'), r'is not a readable \.parquet file'),
     'strings.mat': (lambda path: in_matlab(path, a='text', n=3.0), 'holds no columns of numbers'),
     'structs.mat': (
         lambda path: in_matlab(path, a={'t': np.arange(9.0)}, b={'t': np.arange(9.0), 'x': np.arange(9.0)}),
