@@ -50,7 +50,7 @@ criteria: $(VENV)/.test
 reproduce: $(VENV)/.ros
 	$(BIN)/pendubot reproduce --output build/reproduction --force
 
-# Records bags/paper_experiment anew, live, by the chain itself.
+# Records bags/paper_experiment again, live, by the complete chain.
 sample-bag: $(VENV)/.ros
 	rm -rf build/sample
 	$(BIN)/pendubot demo --output build/sample
