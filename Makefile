@@ -1,9 +1,9 @@
 # Two commands: `make demo` shows the whole chain on a virtual rig, `make test` runs every test.
-# Each does its own set-up in .venv; all that is needed beforehand is Python 3.10 or later.
+# Each sets itself up in .venv; only Python 3.10 or later is needed.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Python compiles a module at its first import; most of what is installed is never imported.
+# Python compiles a module at its first import; most installed modules are never imported.
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint .ci/constraints.txt
 # Extras of the first set-up; CI installs all of them at once.
 EXTRAS ?= ros
@@ -13,8 +13,8 @@ EXTRAS ?= ros
 demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
 
-# Three processes, each of one thread: tests of live programs wait while others compute. A test that fails there, because
-# a live program was kept waiting for seconds, is run once more by itself. The fault trials have the machine to themselves.
+# Three processes, each of one thread: tests of live programs wait while others compute. A test that fails,
+# because a live program waited for seconds, is run once more by itself. The fault trials run alone.
 PYTEST := PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 AGAIN := --last-failed --last-failed-no-failures none
 TRIALS := test/test_fault_trials.py
@@ -23,7 +23,7 @@ test: $(VENV)/.test
 	$(PYTEST) --numprocesses 3 --dist worksteal --ignore $(TRIALS) || $(PYTEST) $(AGAIN) --ignore $(TRIALS)
 	$(PYTEST) --numprocesses 2 --dist worksteal $(TRIALS) || $(PYTEST) $(AGAIN) $(TRIALS)
 
-# The lines that no test reaches; the tests take half as long again.
+# The lines that no test reaches; takes 1.5 times as long.
 coverage: $(VENV)/.test
 	$(PYTEST) --numprocesses 3 --dist worksteal --ignore $(TRIALS) --cov=$(PACKAGE) --cov-report=term-missing:skip-covered
 
@@ -50,7 +50,7 @@ criteria: $(VENV)/.test
 reproduce: $(VENV)/.ros
 	$(BIN)/pendubot reproduce --output build/reproduction --force
 
-# Records bags/paper_experiment anew, live, by the chain itself.
+# Records bags/paper_experiment again, live, by the complete chain.
 sample-bag: $(VENV)/.ros
 	rm -rf build/sample
 	$(BIN)/pendubot demo --output build/sample

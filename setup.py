@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Installs by colcon (ament_python) and by pip; exact versions stand in .ci/constraints.txt."""
+"""Installs by colcon (ament_python) and by pip; exact versions are in .ci/constraints.txt."""
 
 from glob import glob
 
@@ -16,9 +16,9 @@ BAGS = [(f'{SHARE}/{folder}', sorted(glob(f'{folder}/*.*'))) for folder in ['bag
 
 
 def kernel(name, *flags):
-    """Return a kernel that is left out where it does not compile: everything works through numpy, too.
+    """Return a kernel, which is omitted if it does not compile: numpy does the same.
 
-    No contraction: every processor shall round alike.
+    Without contraction, every processor rounds in the same way.
     """
     return Extension(
         f'{NAME}.{name}',
@@ -67,17 +67,17 @@ setup(
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
-        # MATLAB 7.3, Excel and Parquet; all else needs no more.
+        # Files of MATLAB 7.3, Excel and Parquet.
         'files': ['h5py', 'openpyxl', 'pandas', 'pyarrow'],
         # pendubot studio.
         'studio': ['aiohttp>=3.9'],
-        # Of the shell: pendubot completion.
+        # pendubot completion.
         'completion': ['shtab'],
         # The HTML of docs/.
         'docs': ['myst-parser', 'sphinx'],
-        # What benchmarks/speed measures itself against.
+        # Peers of benchmarks/speed.
         'benchmark': ['mujoco[sysid]', 'pygmo'],
-        # What else benchmarks.exports compares exported rigs with, and an example needs; 1 GB.
+        # Peers of benchmarks.exports, and an example; 1 GB.
         'engines': ['casadi', 'drake', 'pin'],
         'test': [
             'aiohttp',

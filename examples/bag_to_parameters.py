@@ -10,7 +10,7 @@ from pendubot_identification import identify
 
 bag = sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parents[1] / 'bags' / 'paper_experiment'
 
-# The first half estimates, the second validates. In a notebook, `found` as a cell's last line shows a table.
+# The first half is for training, the second for validation. In a notebook, `found` at the end of a cell is a table.
 found = identify(bag)
 print(found)
 

@@ -3,7 +3,7 @@
 
 """From arrays to CasADi expressions of the dynamics, for optimal control: python casadi_dynamics.py [RESULT.yaml].
 
-Needs `pip install casadi`. With `import jax.numpy` in the place of casadi the same call gives what JAX differentiates.
+Needs `pip install casadi`. The same call with `import jax.numpy` in the place of casadi can be differentiated by JAX.
 """
 
 import sys
@@ -30,7 +30,7 @@ q1, q2, v1, v2 = casadi.vertsplit(x)
 a1, a2 = accelerations(rig.theta.tolist(), q1, q2, v1, v2, tau, 0.0, lib=casadi)
 f = casadi.Function('f', [x, tau], [casadi.vertcat(v1, v2, a1, a2)])
 
-# The least effort that moves both links from hanging to upright, at rest, in 1 s with at most 2 N m.
+# The torque of least squared sum that moves both links from hanging to upright, at rest, in 1 s with at most 2 N m.
 N, h, limit = 100, 0.01, 2.0
 problem = casadi.Opti()
 X, U = problem.variable(4, N + 1), problem.variable(N)

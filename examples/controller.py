@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wait for the parameters of the pendubot, and say how far to trust them: python3 controller.py, in a ROS terminal."""
+"""Subscribe to the parameters of the pendubot and their level: python3 controller.py, in a ROS terminal."""
 
 import contextlib
 import math
@@ -18,7 +18,7 @@ GRAVITY = 9.81
 
 
 class Controller(Node):
-    """Subscribes to the level and to the parameters, however late it starts."""
+    """A subscriber of the latched level and parameters, which may start after they are published."""
 
     def __init__(self):
         super().__init__('controller')
@@ -28,13 +28,13 @@ class Controller(Node):
         self.create_subscription(Float64MultiArray, 'pendubot/params', self.on_parameters, LATCHED)
 
     def on_identification(self, message):
-        """Keep whether the parameters that follow are of level OK."""
+        """Store whether the next parameters have level OK."""
         (status,) = message.status
         self.trusted = status.level == DiagnosticStatus.OK
         self.get_logger().info(f'level {status.level[0]}: {status.message}')
 
     def on_parameters(self, message):
-        """Keep the parameters by name."""
+        """Store the parameters by name."""
         names = message.layout.dim[0].label.split(',')
         self.parameters = dict(zip(names, message.data, strict=True))
         self.get_logger().info(f'parameters: {self.parameters}')

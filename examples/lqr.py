@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From arrays to an LQR that holds the rig upright, tried in simulation: python lqr.py [RESULT.yaml]."""
+"""From arrays to an LQR that balances the rig upright in simulation: python lqr.py [RESULT.yaml]."""
 
 import sys
 
@@ -27,7 +27,7 @@ K = (np.linalg.inv(R) @ B.T @ solve_continuous_are(A, B, Q, R))[0]
 print('tau = -K x with K =', K.round(3))
 print('poles of the closed loop:', np.linalg.eigvals(A - B @ K[None]).round(2))
 
-# The nonlinear rig under it, sampled every 5 ms, from 0.05 rad off.
+# Simulate the nonlinear rig under this control every 5 ms, from 0.05 rad off upright.
 q, qd, period = (UPRIGHT[0] + 0.05, UPRIGHT[1]), (0.0, 0.0), 0.005
 for step in range(400):
     tau = float(-K @ [q[0] - UPRIGHT[0], q[1] - UPRIGHT[1], *qd])

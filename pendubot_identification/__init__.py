@@ -3,7 +3,7 @@
 
 """Identification of a pendubot: from the board's bytes to a latched parameter vector.
 
-Scripts and notebooks import from here what :mod:`.api` describes; __init__.pyi lists it for editors and type checkers.
+Scripts and notebooks import the names of :mod:`.api` from here; __init__.pyi lists them for type checkers.
 """
 
 from os import environ
@@ -12,7 +12,7 @@ from typing import Any
 from . import kernel
 
 __version__ = '1.0.0'
-#: Names of api.py: importing it takes time, which only who uses it waits for.
+#: Names of api.py, which is imported at their first use because the import is slow.
 __all__ = [
     'HANGING',
     'UPRIGHT',

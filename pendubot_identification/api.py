@@ -78,7 +78,7 @@ UPRIGHT = (math.pi / 2, 0.0)
 
 @contextmanager
 def _arguments_in_messages() -> Iterator[None]:
-    """Name the arguments of Python in messages, in the place of the command line's options."""
+    """Replace the options of the command line by the names of Python arguments in messages."""
     try:
         yield
     except PendubotError as error:
@@ -87,7 +87,7 @@ def _arguments_in_messages() -> Iterator[None]:
 
 
 def _describing(*settings: Setting) -> Callable[[F], F]:
-    """Describe arguments that are options, too, in the docstring of a function, in the words of ``--help``."""
+    """Add the help texts of options, as in ``--help``, to the docstring of a function with arguments of their names."""
 
     def describe(function: F) -> F:
         lines = (f'    {RENAMED.get(each.name, each.name)}: {each.help()}.' for each in settings)
@@ -195,18 +195,18 @@ def identify(  # noqa: D417
 ) -> Identified:
     """Estimate the parameters of a rig, like ``pendubot identify``.
 
-    The arguments of :func:`read` are for everything but motions, which are converted already.
+    The arguments of :func:`read` apply to all recordings except a :class:`Trajectory`, which is already converted.
 
     Args:
-        recordings: bags or files with columns, each ``BAG[@START:END]``, or DataFrames or motions. Of a single one
-            without a window the first half estimates and the second validates.
-        t: instead of recordings, times [s], shape (N,);
-        q: with these the positions [rad] of shoulder and elbow, shape (N, 2);
-        tau: and the torque [N m] from each time until the next, a shape (N,) of the shoulder or (N, 2);
-        qd: and velocities [rad/s], shape (N, 2), if measured.
-        validate: recordings that only validate.
+        recordings: bags or files with columns, each ``BAG[@START:END]``, or DataFrames or motions. The first half of a
+            single one without a window is for training, the second for validation.
+        t: times [s], shape (N,), of arrays in the place of recordings.
+        q: positions [rad] of shoulder and elbow, shape (N, 2).
+        tau: torque [N m] from each time until the next, shape (N,) of the shoulder or (N, 2) of both joints.
+        qd: velocities [rad/s], shape (N, 2), if measured.
+        validate: recordings for validation only.
         bounds: search intervals by name, such as ``{'P1': (0, 0.5)}``; a single number fixes a parameter.
-        progress: called with the activity, how much of it is done, of how much (0: not known), and the best J.
+        progress: called with the activity, its completed steps, their total number (0: unknown), and the best J.
 
     Raises:
         FileNotFoundError: there is no such recording (also a PendubotError).
@@ -222,21 +222,21 @@ def identify(  # noqa: D417
     missing = [name for name in ARRAYS[:3] if arrays[name] is None]
     if 0 < len(missing) < 3 and not recordings:
         raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
-    given = recordings or (() if missing else (arrays,))
-    several = _several(validate)
+    training = recordings or (() if missing else (arrays,))
+    validation = _several(validate)
     words = settings.reading.words()
-    if words and any(isinstance(each, Trajectory) for each in (*given, *several)):
-        raise ParameterError(f'{", ".join(words)} say how files are read, and motions are read already; leave them out')
+    if words and any(isinstance(each, Trajectory) for each in (*training, *validation)):
+        raise ParameterError(f'{", ".join(words)} convert files, and a Trajectory is already converted; leave them out')
 
-    load = partial(_load, given, several)
+    load = partial(_load, training, validation)
     result, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
     return Identified(result, (data.training, data.validation))
 
 
 def describe(source: File, **options: object) -> Inspection:
-    """Return how a recording is read, by the options of :func:`read`, and why not if it cannot be read.
+    """Inspect a recording with the options of :func:`read`: columns or topics, samples, or why it is unreadable.
 
-    Sentences name the options of the command line.
+    Messages name the options of the command line.
 
     Raises:
         PendubotError: an option is invalid.
@@ -247,9 +247,9 @@ def describe(source: File, **options: object) -> Inspection:
 
 
 def check(*recordings: File, validate: Sequence[File] = (), **options: object) -> list[Finding]:
-    """Return what the checks of recordings find, by the options of :func:`identify`, before anything is fitted.
+    """Check recordings with the options of :func:`identify`, without a fit, and return the findings.
 
-    Sentences name the options of the command line.
+    Messages name the options of the command line.
 
     Raises:
         PendubotError: an option is invalid.
@@ -260,7 +260,7 @@ def check(*recordings: File, validate: Sequence[File] = (), **options: object) -
 
 
 def _options(arguments: Mapping[str, object], options: Sequence[Setting] | None = None) -> dict[str, object]:
-    """Return arguments that are not None by the names of their options; of a function's, those that are ``options``."""
+    """Return arguments that are not None, by the names of their options; with ``options``, only these."""
     given = {
         'joints' if name == 'joint_names' else name: value for name, value in arguments.items() if value is not None
     }
@@ -268,7 +268,7 @@ def _options(arguments: Mapping[str, object], options: Sequence[Setting] | None 
 
 
 def _several(recordings: object) -> Sequence[object]:
-    """Return recordings as a sequence, also a single one."""
+    """Return recordings as a sequence; a single recording becomes a list."""
     return recordings if isinstance(recordings, (list, tuple)) else [recordings]
 
 
@@ -283,7 +283,7 @@ def _load(recordings: Sequence[object], validate: Sequence[object], conversion: 
 
 
 def _require_known(recordings: Sequence[object]) -> None:
-    """Raise ParameterError for recordings that are none of those in memory, or mixed with names of files."""
+    """Raise ParameterError unless all recordings are motions, DataFrames or mappings of arrays."""
 
     def known(r: object) -> bool:
         frame, arrays = hasattr(r, 'columns') and hasattr(r, 'iloc'), isinstance(r, Mapping) and r.keys() >= {*ARRAYS}
@@ -315,7 +315,7 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
         reader = TableReader(Path('DataFrame'), conversion, table)
         motion, note, taken_as = reader.motion, reader.note, reader.taken_as
     content = b''.join(np.ascontiguousarray(each).tobytes() for each in (motion.t, motion.q, motion.tau))
-    # With an @ it would name a window of a file.
+    # An @ would begin the window of a file.
     window = BagWindow(Path(motion.name.replace('@', ' at ') + IN_MEMORY))
     return RecordedTrajectory(motion, window, hashlib.sha256(content).hexdigest(), True, note, taken_as)
 
@@ -383,10 +383,10 @@ def _torques(t: Array, tau: ArrayLike) -> Array:
 
 
 def compare(results: Mapping[str, Identified]) -> DataFrame:
-    """Return the parameters of results side by side, a row a parameter.
+    """Return the parameters of results side by side, with one row for each parameter.
 
-    Of each result, by its name, there are the columns value, std_error, t (the difference from the first result in
-    standard errors of both) and p (its two-sided probability by Welch's test). ``attrs['notes']`` has remarks.
+    The columns of each result, by its name, are value, std_error, t (the difference from the first result in standard
+    errors of both) and p (its two-sided probability by Welch's test). ``attrs['notes']`` has remarks.
 
     Raises:
         PendubotError: pandas is not installed.
@@ -406,11 +406,11 @@ def compare(results: Mapping[str, Identified]) -> DataFrame:
 def sweep(
     *recordings: Trajectory | File | DataFrame, over: Mapping[str, Sequence[object]], **options: object
 ) -> dict[str, Identified]:
-    """Identify with each combination of values of some arguments; return the results by these, for :func:`compare`.
+    """Identify with every combination of values of some arguments; return the results, for :func:`compare`, by these.
 
     Args:
-        recordings: as of :func:`identify`.
-        over: values by the names of its arguments, such as ``{'smoothing': [0.02, 0.05], 'hold': ['zero', 'linear']}``.
+        recordings: of :func:`identify`.
+        over: values by argument of it, such as ``{'smoothing': [0.02, 0.05], 'hold': ['zero', 'linear']}``.
         options: its other arguments.
 
     Raises:
@@ -443,12 +443,12 @@ def _export(  # noqa: D417
     revolute: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Write a file for another program; its suffix selects the format, as of ``pendubot export``.
+    """Write a file for another program; its suffix selects the format, as with ``pendubot export``.
 
     Args:
         path: with the suffix .xml (MJCF), .urdf, .yaml, .m, .h or .py.
         link_length: for simulators, measured length of link 1 [m]; None: P3 / P5.
-        torque_limit: for simulators, of the motor [N m].
+        torque_limit: for simulators, the motor's torque limit [N m].
         revolute: for URDF, joints of the type revolute instead of continuous.
         overwrite: replace an existing file.
 
@@ -484,7 +484,7 @@ class Pendubot(Parameters):
     @classmethod
     @_arguments_in_messages()
     def load(cls, path: File) -> Pendubot:
-        """Return the rig of a result file, or of a file with parameters by hand.
+        """Return the rig of a result file, or of a file with parameters written by hand.
 
         Raises:
             PendubotError: it cannot be read.
@@ -493,7 +493,7 @@ class Pendubot(Parameters):
 
     @property
     def theta(self) -> Array:
-        """The parameters as a vector, as many as :attr:`model` has."""
+        """The parameters of :attr:`model` as a vector, shape (7,), (9,), (10,) or (14,)."""
         return self.vector()
 
     def mass_matrix(self, q: ArrayLike) -> Array:
@@ -550,7 +550,7 @@ class Identified:
 
     @property
     def pendubot(self) -> Pendubot:
-        """The rig; refused with a PendubotError if the estimate is not physical, as at level ERROR."""
+        """The identified rig; raises PendubotError if the estimate is not physical."""
         return Pendubot(**asdict(self.result.theta))
 
     @property
@@ -560,22 +560,22 @@ class Identified:
 
     @property
     def theta(self) -> Array:
-        """Their values, shape (D,)."""
+        """The estimated values, shape (D,)."""
         return np.array([entry.value for entry in self.result.parameters.values()])
 
     @property
     def std_error(self) -> Array:
-        """Their standard errors, shape (D,); NaN where they are not known."""
+        """The standard errors of the estimates, shape (D,); NaN if unknown."""
         return np.array([entry.std_error for entry in self.result.parameters.values()], dtype=float)
 
     @property
     def intervals(self) -> Array:
-        """Their 95 % intervals, shape (D, 2); NaN where they are not known."""
+        """The 95 % confidence intervals, shape (D, 2); NaN if unknown."""
         return np.array([entry.interval for entry in self.result.parameters.values()], dtype=float)
 
     @property
     def covariance(self) -> Array:
-        """Their covariance, shape (D, D); NaN where it is not known."""
+        """The covariance of the estimates, shape (D, D); NaN if unknown."""
         return np.array(self.result.covariance, dtype=float)
 
     @property
@@ -590,13 +590,13 @@ class Identified:
 
     @property
     def command(self) -> str:
-        """The command line that identifies the same again; empty if a recording was in memory."""
+        """The command line that repeats the identification; empty if a recording was in memory."""
         from .report.rig import command
 
         return command(self.result)
 
     def frame(self) -> DataFrame:
-        """Return a row a parameter: value, std_error, low, high, unit, meaning.
+        """Return a frame with one row for each parameter: value, std_error, low, high, unit, meaning.
 
         Raises:
             PendubotError: pandas is not installed.
@@ -617,12 +617,12 @@ class Identified:
 
     @_arguments_in_messages()
     def report(self, folder: File, *, overwrite: bool = False, figures: bool = False, paths: bool = False) -> Path:
-        """Write a page with figures, and the result; return where the page is.
+        """Write the report, a page with figures, and the result file; return the path of the page.
 
-        For a loaded result the recordings are read again; the page says which of them are missing.
+        For a loaded result the recordings are read again; the page lists missing ones.
 
         Args:
-            folder: to be written to.
+            folder: folder to write.
             overwrite: replace files in it.
             figures: write the figures also as SVG and PNG.
             paths: name the absolute folders of the recordings on the page.
@@ -637,8 +637,8 @@ class Identified:
             motions = self._recordings()
         except PendubotError as error:
             motions, notes = None, [f'figures of the recordings; {error}']
-        with OutputFolder(Path(folder), overwrite=overwrite) as made:
-            return write_report(made, self.result, motions, None, notes, lambda *_: None, static=figures, paths=paths)
+        with OutputFolder(Path(folder), overwrite=overwrite) as output:
+            return write_report(output, self.result, motions, None, notes, lambda *_: None, static=figures, paths=paths)
 
     @_arguments_in_messages()
     def plot(self, what: Plot = 'simulation', axes: Axes | Sequence[Axes] | None = None) -> list[Axes]:
@@ -668,7 +668,7 @@ class Identified:
         return drawn
 
     def _recordings(self) -> tuple[Sequence[Trajectory], Sequence[Trajectory]]:
-        """Return the motions for training and for validation; those of a loaded result are read again."""
+        """Return the motions for training and for validation; read the recordings of a loaded result again."""
         return self.motions or read_recordings(self.result)
 
     def __repr__(self) -> str:
@@ -684,6 +684,6 @@ class Identified:
         """Return level, parameters with their intervals, and prediction errors for a notebook."""
         from .report.tables import parameter_table, prediction_table, verdict
 
-        said = [f'{self.level.name}: {as_arguments(sentence)}' for sentence in self.warnings or [verdict(self.result)]]
-        paragraphs = ''.join(f'<p>{html.escape(sentence)}</p>' for sentence in said)
+        sentences = [as_arguments(sentence) for sentence in self.warnings or [verdict(self.result)]]
+        paragraphs = ''.join(f'<p>{self.level.name}: {html.escape(sentence)}</p>' for sentence in sentences)
         return f'{paragraphs}{parameter_table(self.result).html()}{prediction_table(self.result).html()}'

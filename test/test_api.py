@@ -392,7 +392,7 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: Pendubot(1.0, 1.0, 5.0, 1.0, 1.0, 0.0, 0.0), 'no rig can have .* does not exceed P3'),
         (lambda: identify(SAMPLE, bounds={'P9': (0, 1)}), "no parameter 'P9'"),
         (lambda: read(SAMPLE, columns={'q1': 'a'}), 'is for files with columns; the stamps of a bag'),
-        (lambda: identify(read(SAMPLE), degrees=True), 'degrees say how files are read, and motions are read already'),
+        (lambda: identify(read(SAMPLE), degrees=True), 'degrees convert files, and a Trajectory is already converted'),
     ],
 )
 def test_mistakes_are_said_in_a_sentence(call, said):

@@ -16,7 +16,7 @@ ERRORS = {*vars(errors), 'RefusedError', 'OtherClockError'} - {'LongRecordingErr
 REASONS = 'control', 'tracking'
 VERBS = (
     'add allow begin call check choose convert copy correct design end export free give identify install leave load '
-    'look name record remove rename set source stop take track try use widen write'
+    'look name record remove rename see set source stop take track try use widen write'
 )
 #: An option, what is expected, what there is, a question, another message, or an instruction, perhaps one of several.
 REMEDY = re.compile(

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pendubot_identification import __version__, kernel
-from pendubot_identification.identification.options import APPLY_REMEDIES, DATA, EXPERT, HOW, SCOPE
+from pendubot_identification.identification import options as estimation
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting, flag
@@ -128,7 +128,7 @@ def _reading(parser: Any, *, joints: bool = False) -> Any:
     _settings(group, *(each for each in CONVERSION if joints or each not in (TOPIC, JOINTS)), **names)
     words = (
         'YAML file with options, from --save-settings, or a result; options given here override it. Only here: '
-        f'{", ".join(option.name for option in EXPERT)} of identify, see config/identifier.yaml'
+        f'{", ".join(option.name for option in estimation.EXPERT_OPTIONS)} of identify, see config/identifier.yaml'
     )
     _path(group, '--settings', 'FILE', words)
     return group
@@ -179,11 +179,11 @@ def _identify(parser: Any) -> None:
     parser.add_argument('bags', nargs='+', metavar=WINDOW, help='training recordings')
     parser.add_argument('--validate', nargs='+', default=[], metavar=WINDOW, help='validation recordings')
     estimator = parser.add_argument_group('criterion and model')
-    _settings(estimator, *SCOPE, criterion='NAME[,NAME ...]')
+    _settings(estimator, *estimation.CRITERION_OPTIONS, criterion='NAME[,NAME ...]')
     words = 'search interval of a parameter, such as P1=0:0.5, or its value if it is known; may be repeated'
     estimator.add_argument('--bounds', '--fix', action='append', default=[], metavar='NAME=LOW:HIGH', help=words)
-    _settings(parser.add_argument_group('data'), *DATA, APPLY_REMEDIES, delay='LOW:HIGH')
-    _settings(parser.add_argument_group('optimisation'), *HOW, start=RESULT)
+    _settings(parser.add_argument_group('data'), *estimation.DATA_OPTIONS, estimation.APPLY_REMEDIES, delay='LOW:HIGH')
+    _settings(parser.add_argument_group('optimisation'), *estimation.OPTIMISATION_OPTIONS, start=RESULT)
     _path(_reading(parser, joints=True), '--save-settings', 'FILE', 'file for the options of this group')
     output = _outputs(parser, 'the result')
     words = 'lowest level of the result for exit status 3 (default %(default)s)'

@@ -21,7 +21,7 @@ from pendubot_identification.errors import (
 )
 from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically, yaml_text
 from pendubot_identification.identification.estimate import Progress
-from pendubot_identification.identification.options import APPLY_REMEDIES, MDE, OPTIONS
+from pendubot_identification.identification.options import APPLY_REMEDIES, MDE_OPTIONS, OPTIONS
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES
@@ -108,7 +108,7 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
     """
     options = {name: value for name, value in given.items() if name != 'start'}
     settings = settings_of(options, bounds_of(args.bounds))
-    if settings.optimizer == 'lsq' and (unused := [option.name for option in MDE if option.name in options]):
+    if settings.optimizer == 'lsq' and (unused := [option.name for option in MDE_OPTIONS if option.name in options]):
         raise UsageError(f'{unused[0]} belongs to MDE, and --optimizer lsq ignores it; leave one of the two out')
     # With energy alone, a delay would only hide the warning of inconsistent timestamps.
     for name, users in {'delay': ('weak', 'likelihood'), 'start': ('likelihood',)}.items():

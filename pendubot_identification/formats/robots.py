@@ -1,11 +1,11 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig as simulators and RViz read it: MJCF, URDF.
+"""The MJCF and URDF of a rig, for simulators and RViz.
 
 In all of them the shoulder is the origin, z points up, both joints turn about -y, and both angles are 0 with the arm
-along x: q1 is measured from the horizontal, q2 relative to link 1. Of a link's inertia only that about the joints' axes
-moves; it is given about all.
+along x: q1 is measured from the horizontal, q2 relative to link 1. The motion depends only on a link's inertia about
+the joint axes; the files give this value for all axes.
 """
 
 import math
@@ -25,25 +25,25 @@ STEEL, BLUE, ORANGE = '0.45 0.48 0.52 1', '0.12 0.35 0.65 1', '0.85 0.42 0.10 1'
 
 
 def limits(parameters: Parameters, *, armature: bool) -> list[str]:
-    """Return in sentences what such a file does not say of a rig with these parameters."""
+    """Return sentences on the effects of these parameters that such a file does not represent."""
     p, missing = parameters, []
     if p.Fc1 or p.Fc2:
         missing.append(
-            'dry friction follows another law there: it is constant, and holds what rests, where the identified one '
-            f'is Fc tanh(v / {SIGN_WIDTH:g})'
+            'dry friction is constant in simulators, and holds a link at rest; the identified dry friction is '
+            f'Fc tanh(v / {SIGN_WIDTH:g})'
         )
     if left := [f'{name} = {value:.4g}' for name in ('Fs1', 'Fs2', 'k1', 'k2') if (value := getattr(p, name))]:
-        missing.append(f'{", ".join(left)} cannot be said there: of friction, Coulomb and viscous alone')
+        missing.append(f'{", ".join(left)} is left out: such a file has only Coulomb and viscous friction')
     if p.J2 and not armature:
         missing.append(
-            f'J2 = {p.J2:.6g} kg m^2 cannot be said there: make it the armature (rotor inertia) of the elbow in the '
+            f'J2 = {p.J2:.6g} kg m^2 is left out: make it the armature (rotor inertia) of the elbow in the '
             'simulator, or export mjcf'
         )
     return missing
 
 
 def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None, delay: float = 0.0) -> str:
-    """Return the MJCF of a rig, whose motor has a delay [s] of a time step or more; its keyframes are both at rest."""
+    """Return the MJCF of a rig with a motor delay [s], if it is a time step or more; both keyframes are at rest."""
     p, radius = rig.parameters, SLENDER * min(rig.first.length, rig.second.length)
     limit = '' if torque_limit is None else f' ctrllimited="true" ctrlrange="{-torque_limit!r} {torque_limit!r}"'
     late = f' delay="{delay!r}" nsample="{math.ceil(delay / TIME_STEP) + 1}"' if delay >= TIME_STEP else ''
@@ -93,7 +93,7 @@ def mjcf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
 
 
 def urdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = None, *, revolute: bool = False) -> str:
-    """Return the URDF of a rig, which RViz shows and simulators move; a link without mass is for the eye alone.
+    """Return the URDF of a rig, for RViz and simulators; a link without mass is for display only.
 
     Joints are ``continuous`` or, with limits that are never reached, ``revolute``.
     """
@@ -159,12 +159,12 @@ def urdf(rig: Rig, comments: Iterable[str] = (), torque_limit: float | None = No
 
 
 def drawn(l1: float, l2: float) -> str:
-    """Return a URDF for the eye alone, of links of these lengths [m]: it has no masses. May raise ParameterError."""
+    """Return a URDF for display, without masses, of links of these lengths [m]. May raise ParameterError."""
     for name, length in (('l1', l1), ('l2', l2)):
         if not 0 < length < math.inf:
             raise ParameterError(f'the length {name} is {length:g} m; a number above 0 is expected')
     first, second = (Link(length, 0.0, 0.0, 0.0) for length in (l1, l2))
-    return urdf(Rig(first, second, Parameters(*[0.0] * 7), ()), ['a pendubot for the eye: it has no masses'])
+    return urdf(Rig(first, second, Parameters(*[0.0] * 7), ()), ['a pendubot for display: it has no masses'])
 
 
 def _comment(lines: Iterable[str]) -> str:

@@ -49,7 +49,7 @@ SPREAD_LIMIT = Setting(
     1.0,
     optional=True,
 )
-SCOPE = (
+CRITERION_OPTIONS = (
     CRITERION,
     Setting(
         'model',
@@ -58,7 +58,7 @@ SCOPE = (
         choices=('auto', *MODELS),
     ),
 )
-DATA = (
+DATA_OPTIONS = (
     Setting(
         'hold',
         'auto',
@@ -89,7 +89,7 @@ DATA = (
         optional=True,
     ),
 )
-HOW = (
+OPTIMISATION_OPTIONS = (
     Setting(
         'optimizer',
         'auto',
@@ -102,7 +102,7 @@ HOW = (
     SPREAD_LIMIT,
 )
 #: Options of settings files, the node and Python, but not of the command line.
-EXPERT = (
+EXPERT_OPTIONS = (
     Setting(
         'smoothing',
         0.0,
@@ -118,11 +118,11 @@ EXPERT = (
     PER_VECTOR,
 )
 #: The options of MDE alone.
-MDE = (SPREAD_LIMIT, *EXPERT[1:])
+MDE_OPTIONS = (SPREAD_LIMIT, *EXPERT_OPTIONS[1:])
 APPLY_REMEDIES = Setting(
     'apply_remedies',
     False,
     'correct reported faults of the recordings by options of the conversion, and identify again; the result lists '
     'these options',
 )
-OPTIONS = (*SCOPE, *DATA, *HOW, *EXPERT)
+OPTIONS = (*CRITERION_OPTIONS, *DATA_OPTIONS, *OPTIMISATION_OPTIONS, *EXPERT_OPTIONS)

@@ -30,11 +30,11 @@ class Datasets:
 
 
 def load_datasets(bags: Sequence[str], validate: Sequence[str] = (), conversion: Conversion | None = None) -> Datasets:
-    """Read bags or files with columns, each ``BAG[@START:END]``, with the same conversion, and divide them.
+    """Read bags or files with columns, each ``BAG[@START:END]``, and divide them into training and validation.
 
-    Without ``validate``: one bag without a window is halved into training and validation; of bags with windows, the
-    rest is for validation, except parts shorter than a second, and of long parts the first minute; several bags
-    without windows are all for training.
+    Without ``validate``, one bag without a window is halved. The parts of bags outside their windows are for
+    validation, except parts shorter than a second; a long part gives its first minute. Several bags without windows
+    are all for training.
 
     Raises:
         PendubotError: as :func:`.bag_reader.read_trajectory`.
@@ -47,9 +47,9 @@ def load_datasets(bags: Sequence[str], validate: Sequence[str] = (), conversion:
 
     recorded = [read(window) for window in windows_of([*bags, *validate], conversion)]
     training, validation = recorded[: len(bags)], recorded[len(bags) :]
-    own = [each.window for each in training]
-    if not validation and not all(window.start is None and window.end is None for window in own):
-        validation = [rest for window in _rest(own) if (rest := _validation_part(window, read)) is not None]
+    windows = [each.window for each in training]
+    if not validation and not all(window.start is None and window.end is None for window in windows):
+        validation = [part for window in _rest(windows) if (part := _validation_part(window, read)) is not None]
     return divided(training, validation)
 
 
@@ -66,7 +66,7 @@ def divided(training: Sequence[RecordedTrajectory], validation: Sequence[Recorde
         if role == 'training' and first.sha256 == second.sha256 and max(starts) <= min(ends):
             notes.append(
                 f'{first.window} and {second.window} share samples: they count twice, and standard errors and J on '
-                'validation look better than they are'
+                'validation are too small'
             )
     sources = tuple(
         Source(str(r.window), role, len(r.trajectory), r.trajectory.duration, r.sha256, r.closed, r.taken_as)
@@ -77,7 +77,7 @@ def divided(training: Sequence[RecordedTrajectory], validation: Sequence[Recorde
 
 
 def windows_of(texts: Sequence[str], conversion: Conversion) -> list[BagWindow]:
-    """Return the windows of recordings that texts name.
+    """Parse the texts ``BAG[@START:END]`` of recordings.
 
     Raises:
         BagError: a text is malformed.
@@ -103,8 +103,8 @@ def _validation_part(window: BagWindow, read: Callable[[BagWindow], RecordedTraj
         resample(recorded.trajectory)
     except TrajectoryError:
         return None
-    found = recorded.trajectory
-    return recorded if len(found) >= MINIMUM_SAMPLES and found.duration >= FITTING.shortest else None
+    motion = recorded.trajectory
+    return recorded if len(motion) >= MINIMUM_SAMPLES and motion.duration >= FITTING.shortest else None
 
 
 def span(recording: Trajectory) -> tuple[float, float]:
@@ -116,12 +116,12 @@ def _rest(windows: Sequence[BagWindow]) -> list[BagWindow]:
     """Return the parts of each bag outside all of its windows."""
     rest = []
     for path in dict.fromkeys(window.path for window in windows):
-        own = sorted((w.start or 0.0, w.end) for w in windows if w.path == path and not (w.end is None and not w.start))
-        at = 0.0
-        for start, end in own:
-            if start > at:
-                rest.append(BagWindow(path, at or None, start))
-            at = float('inf') if end is None else max(at, end)
-        if own and at < float('inf'):
-            rest.append(BagWindow(path, at, None))
+        spans = [(w.start or 0.0, w.end) for w in windows if w.path == path and not (w.end is None and not w.start)]
+        covered = 0.0
+        for start, end in sorted(spans):
+            if start > covered:
+                rest.append(BagWindow(path, covered or None, start))
+            covered = float('inf') if end is None else max(covered, end)
+        if spans and covered < float('inf'):
+            rest.append(BagWindow(path, covered, None))
     return rest

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The content of bags and of files with columns: times, losses, ranges, and how they are read."""
+"""Statistics of bags and of files with columns: times, losses, ranges, and their conversion."""
 
 import math
 import re
@@ -39,7 +39,7 @@ SETTINGS = SurveySettings()
 
 
 def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
-    """Scan all files of a bag; return the messages of each topic in numbers, for JSON: times in seconds, rates in Hz.
+    """Scan all files of a bag; return statistics of the messages of each topic, for JSON: times in s, rates in Hz.
 
     Raises:
         OSError: a file cannot be read.
@@ -52,20 +52,20 @@ def survey_bag(bag: BagReader) -> list[dict[str, Any]]:
         for messages in file.scan():
             channels = messages.heads['channel']
             for number in file.channels.keys() & set(channels.tolist()):
-                own, channel = messages.part(channels == number), file.channels[number]
+                part, channel = messages.part(channels == number), file.channels[number]
                 logged, stamps, numbers = columns[channel.topic]
-                logged.append(own.heads['logged'])
-                numbers.append(own.heads['sequence'])
-                if channel.schema_id in with_header and own.heads['length'].min() >= FIELDS + STAMP.itemsize:
-                    stamps.append(stamps_ns(own.contents(STAMP)))
+                logged.append(part.heads['logged'])
+                numbers.append(part.heads['sequence'])
+                if channel.schema_id in with_header and part.heads['length'].min() >= FIELDS + STAMP.itemsize:
+                    stamps.append(stamps_ns(part.contents(STAMP)))
     return [
-        {'name': name, 'type': type_name} | _in_numbers(*map(np.concatenate, columns[name]))
+        {'name': name, 'type': type_name} | _statistics(*map(np.concatenate, columns[name]))
         for name, (type_name, _) in bag.topics.items()
     ]
 
 
-def _in_numbers(logged: Indices, stamps: Indices, numbers: Indices) -> dict[str, Any]:
-    """Describe messages by their log times and stamps [ns], and the recorder's numbers; some may have no stamp."""
+def _statistics(logged: Indices, stamps: Indices, numbers: Indices) -> dict[str, Any]:
+    """Return statistics of messages from log times [ns], stamps [ns], if all have one, and sequence numbers."""
     stamped = len(stamps) == len(logged) > 0 and bool(stamps.all())
     if (logged[1:] < logged[:-1]).any():
         order = np.argsort(logged, kind='stable')
@@ -85,14 +85,14 @@ def _in_numbers(logged: Indices, stamps: Indices, numbers: Indices) -> dict[str,
 
 
 def regularity(times_ns: Indices) -> dict[str, Any]:
-    """Return the regularity of times in the order of arrival [ns], shape (N,), for JSON; None where it is unknown.
+    """Return the regularity of times in the order of arrival [ns], shape (N,), for JSON; None if unknown.
 
     ``period`` is the median interval, ``jitter`` the 99 % quantile of the deviations from it, ``longest`` the longest
     interval, ``first_gap`` the start of the first gap [s]; ``gaps``, the samples ``missing`` in them, times that are
     ``repeated`` and times that run ``backwards`` are counted.
     """
     steps = np.diff(times_ns)
-    # A time that runs back does not shorten the next gap.
+    # A decreasing time does not shorten the next gap.
     intervals = np.diff(np.maximum.accumulate(times_ns))
     intervals = intervals[intervals > 0]
     known = len(intervals) >= SETTINGS.minimum_intervals
@@ -111,9 +111,9 @@ def regularity(times_ns: Indices) -> dict[str, Any]:
 
 
 def missing_numbers(numbers: Indices, before: int = 0) -> int:
-    """Return how many of the recorder's numbers are missing among these, which follow ``before``.
+    """Return the number of missing sequence numbers of a recorder after ``before``.
 
-    Recorders that do not number leave zeros.
+    Recorders without sequence numbers write zeros.
     """
     known = np.sort(numbers[numbers > before])
     first = int(known[0]) - before - 1 if before and known.size else 0
@@ -122,7 +122,7 @@ def missing_numbers(numbers: Indices, before: int = 0) -> int:
 
 
 def survey_table(reader: TableReader) -> dict[str, Any]:
-    """Return the motion of a file in numbers: times in seconds, rates in Hz, quantities in rad and N m.
+    """Return statistics of the motion of a file: times in s, rates in Hz, quantities in rad and N m.
 
     Raises:
         TableError: it cannot be read.
@@ -171,20 +171,20 @@ def as_text(found: dict[str, Any]) -> str:
 
 @dataclass
 class Inspection:
-    """How a recording is read."""
+    """Columns or topics, conversion and samples of a recording, or the problem."""
 
-    columns: list[str] = field(default_factory=list)  #: the names of a file's columns.
-    taken: dict[str, str] = field(default_factory=dict)  #: the column of each quantity.
-    topics: list[str] = field(default_factory=list)  #: of a bag, those of JointStates.
-    joints: list[str] = field(default_factory=list)  #: the names of the joints on the topic.
-    options: dict[str, str] = field(default_factory=dict)  #: by which it is read, as texts by name.
-    taken_as: str = ''  #: the options that the file's own names and units stand for, as on the command line.
-    motion: Trajectory | None = None  #: the samples, converted; None if they cannot be read.
-    problem: PendubotError | None = None  #: why they cannot be read; its ``remedy`` has options that correct that.
+    columns: list[str] = field(default_factory=list)  #: names of the columns of a file.
+    taken: dict[str, str] = field(default_factory=dict)  #: column of each quantity.
+    topics: list[str] = field(default_factory=list)  #: topics of a bag with JointStates.
+    joints: list[str] = field(default_factory=list)  #: names of the joints on the topic.
+    options: dict[str, str] = field(default_factory=dict)  #: options of the conversion, as texts by name.
+    taken_as: str = ''  #: options inferred from the columns, as on the command line.
+    motion: Trajectory | None = None  #: converted samples; None if unreadable.
+    problem: PendubotError | None = None  #: reason; its ``remedy`` has options that correct it.
 
 
 def inspect_recording(window: BagWindow, conversion: Conversion) -> Inspection:
-    """Return how a window of a recording is read; a recording that cannot be read is described as far as possible."""
+    """Inspect a window of a recording; an unreadable recording is described as far as possible."""
     found = Inspection(options=conversion.words())
     reader: Reader | None = None
     try:
@@ -192,13 +192,13 @@ def inspect_recording(window: BagWindow, conversion: Conversion) -> Inspection:
         found.motion = read_trajectory(window, conversion, reader).trajectory
     except PendubotError as error:
         found.problem = error
-    with suppress(PendubotError):  # all that follows a problem stays unknown
+    with suppress(PendubotError):  # a second problem leaves fields empty
         if isinstance(reader, BagReader):
             found.topics = [name for name, (kind, count) in reader.topics.items() if kind == JOINT_STATE and count]
             if conversion.topic in found.topics:
                 first = next(iter(next(reader.messages([conversion.topic]))))
                 found.joints = list(decode_joint_state(first.data).name)
-        elif reader is not None and 'table' in vars(reader):  # else it would be read, and fail, again
+        elif reader is not None and 'table' in vars(reader):  # else a failed reading would be repeated
             found.columns = list(reader.table.names)
             found.taken_as, found.options = reader.taken_as, reader.conversion.words()
             found.taken = {q: column for q, column in reader.conversion.names.items() if column in found.columns}

@@ -30,27 +30,27 @@ from .tables import Table, read_table
 class TableSettings:
     """Thresholds for the times of a file."""
 
-    longest_interval: float = 0.1  #: Above this interval of samples [s], the unit of time is wrong ...
-    usual_interval: float = 0.005  #: ... and the unit that is nearest to this one [s] is proposed.
-    since_1970: float = 1e8  #: A later first time [s] counts from 1970.
-    jump: float = 3.0  #: A torque jumps by a fraction of its range that is so many times that of an angle.
-    most_repeated: float = 0.05  #: With a larger fraction of repeated times, the times have too few digits.
+    longest_interval: float = 0.1  #: Longest sampling interval [s]; above it the unit of time is wrong.
+    usual_interval: float = 0.005  #: Usual sampling interval [s]; the unit of time nearest to it is proposed.
+    since_1970: float = 1e8  #: A first time above this value [s] counts from 1970.
+    jump: float = 3.0  #: Least ratio of the largest steps, over their ranges, of torque and angle.
+    most_repeated: float = 0.05  #: Largest fraction of repeated times; above it the times have too few digits.
 
 
 SETTINGS = TableSettings()
-#: Perhaps after a date, whose day and month need no order: one that passes midnight runs back.
+#: A time of day, perhaps after a date, which is ignored: times decrease at midnight.
 TIME_OF_DAY = re.compile(r'(?:\s*[\d./-]+[\sT,]+)?\s*(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)\s*')
 DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
 
 
 class TableReader:
-    """A file with columns, with the attributes of :class:`.bag_reader.BagReader` that a result needs.
+    """A reader of a file with columns, with the attributes of :class:`.bag_reader.BagReader` that a result needs.
 
-    With ``table`` its columns are in memory, and the path is a name for messages.
+    ``table`` has columns in memory; the path is then a name for messages.
 
     Attributes:
-        given: the conversion that was asked for.
-        conversion: the same with the columns that have usual names, and the units of their headers.
+        given: the conversion by the user's options.
+        conversion: the same, completed by columns with usual names and by the units of their headers.
     """
 
     closed = True
@@ -65,7 +65,7 @@ class TableReader:
 
     @cached_property
     def table(self) -> Table:
-        """The columns of the file, or those that were given."""
+        """The columns of the file, or in memory."""
         table = self._table or read_table(self.path, self.given)
         if not table.names:
             raise TableError(f'{self.path} holds no columns of numbers; export it again')
@@ -73,7 +73,7 @@ class TableReader:
 
     @cached_property
     def conversion(self) -> Conversion:
-        """The conversion with the columns that have usual names, and the units of their headers.
+        """The conversion, completed by columns with usual names and by the units of their headers.
 
         Raises:
             TableError: as ``taken``.
@@ -97,7 +97,7 @@ class TableReader:
 
     @property
     def taken_as(self) -> str:
-        """The options that the file's own names and units stand for; empty if there are none."""
+        """The options inferred from the names and units of the columns; empty if there are none."""
         before, now = self.given.words(), self.conversion.words()
         return ' '.join(options({name: now[name] for name in now if now[name] != before.get(name)}))
 
@@ -107,7 +107,7 @@ class TableReader:
         return unit or (self.table.units[self.table.names.index(column)] if self.table.units else '')
 
     def _amperes(self, column: str) -> float:
-        """Return the unit of a current [A]."""
+        """Return the size of the unit of a current [A]."""
         return 1e-3 if 'mA' in (self.unit(column), column) else 1.0
 
     @cached_property
@@ -137,7 +137,7 @@ class TableReader:
         return taken
 
     def _missing(self, quantities: list[str]) -> TableError:
-        """Return the error of missing columns; a column of currents, or numbered columns, may stand for them."""
+        """Return the error of missing columns; it proposes a column of currents, or numbered columns."""
         names = self.table.names
         likely = {name: _only([c for c in names if quantity_of(c) == name]) for name in quantities}
         if len(quantities) == len(REQUIRED) and not any(likely.values()):
@@ -148,19 +148,19 @@ class TableReader:
         named = {**self.conversion.columns, **{name: column or 'NAME' for name, column in likely.items()}}
         columns = ','.join(f'{name}={column}' for name, column in named.items())
         known = all(likely.values()) and not current
-        what = 'are numbered, without a line of names' if names[0] == '1' else f'are {", ".join(names)}'
+        listing = 'are numbered, without a line of names' if names[0] == '1' else f'are {", ".join(names)}'
         return TableError(
             f'{self.path} has no column {self.conversion.names[quantities[0]]!r} for {quantities[0]}; its columns '
-            f'{what}: name the right one with --columns {shlex.quote(columns)}'
+            f'{listing}: name the right one with --columns {shlex.quote(columns)}'
             + (' --torque-constant K [N m/A], and --gear N where a gear follows' if current else ''),
             **({'columns': columns} if known else {}),
         )
 
     def _by_content(self) -> dict[str, str]:
-        """Return the columns of a file of four without usual names; empty if they are not clear.
+        """Infer the quantities of four columns without usual names; return an empty mapping if they are ambiguous.
 
-        Only time always increases, and of the others the torque jumps most, compared with its range. The angles are in
-        their order; the motion shows whether it is wrong.
+        Only time always increases. The torque has the largest steps, compared with its range. The angles keep the order
+        of the file; checks of the motion detect a wrong order.
         """
         names = self.table.names
         columns = [_numbers(cells, comma=True) for cells in self.table.cells]
@@ -191,11 +191,11 @@ class TableReader:
         if wrong.size:
             rows = np.flatnonzero(kept)[wrong[0] : wrong[0] + 2]
             before, time = given['t'][rows]
-            what, remedy = 'runs back', 'keep one run in each file, its rows in the order of time'
+            finding, remedy = 'decreases', 'keep one run in each file, its rows in the order of time'
             if time == before:
-                what, remedy = 'repeats', 'export more digits, or correct or remove that row'
+                finding, remedy = 'repeats', 'export more digits, or correct or remove that row'
             raise TableError(
-                f'{self._where(rows[1])}: the time {time:.12g} {what}, after {before:.12g}; every row '
+                f'{self._where(rows[1])}: the time {time:.12g} {finding}, after {before:.12g}; every row '
                 f'needs a later one: {remedy}'
             )
         t -= t[0]
@@ -211,12 +211,12 @@ class TableReader:
             tau[:, 0] *= self._amperes(self.taken['tau1'])
         motion = conversion.motion(t, q, tau, qd, str(self.path))
         if len(t) > 1 and motion.interval > SETTINGS.longest_interval * (1 + 1e-6):
-            apart = f'{self.path}: its rows are {motion.interval:g} s apart, which no recording of a pendubot is'
+            apart = f'{self.path}: its rows are {motion.interval:g} s apart, above {SETTINGS.longest_interval:g} s'
             units = {unit: motion.interval / conversion.seconds * size for unit, size in TIME_UNITS.items()}
             unit = min(units, key=lambda each: abs(math.log(units[each] / SETTINGS.usual_interval)))
             if unit == conversion.time_unit:
-                raise TableError(f'{apart}; record at a higher rate')
-            raise TableError(f'{apart}; its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
+                raise TableError(f'{apart}: record at a higher rate')
+            raise TableError(f'{apart}: its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
         return motion
 
     def _numbers(self, column: str) -> Array:
@@ -245,7 +245,7 @@ class TableReader:
 
 
 def without_repeats(t: Array | Indices, name: str) -> tuple[Flags, str]:
-    """Return which samples to keep, shape (N,), if few repeat the time before, and a note on the others."""
+    """Return a mask of the samples to keep, shape (N,), without few repeated times, and a note on the others."""
     repeated = np.append(False, np.diff(t) == 0)[: len(t)]
     if not 0 < repeated.sum() <= SETTINGS.most_repeated * len(t):
         return np.ones(len(t), dtype=bool), ''
@@ -257,7 +257,7 @@ def _only(found: list[str]) -> str:
 
 
 def _numbers(cells: Any, *, comma: bool) -> Array:
-    """Return cells as numbers, NaN where there is none; times of day and durations in seconds since the first."""
+    """Return cells as numbers; NaN for other texts; dates and durations of pandas in seconds since the first."""
     if isinstance(cells, tuple):
         return np.array([_number(cell.replace(',', '.') if comma else cell) for cell in cells])
     if isinstance(cells, np.ndarray):
@@ -273,7 +273,7 @@ def _numbers(cells: Any, *, comma: bool) -> Array:
 
 
 def _number(cell: str) -> float:
-    """Return a number, the seconds since 1970 of a date in ISO 8601, or those of a time of day; NaN for others."""
+    """Return a cell as a number: a date in ISO 8601 in seconds since 1970, a time of day in seconds; else NaN."""
     with suppress(ValueError):
         return float(cell)
     with suppress(ValueError):

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads names and cells of the columns of text, MATLAB, Excel and Parquet files."""
+"""Reads the columns of text, MATLAB, numpy, Excel and Parquet files: their names and cells."""
 
 import codecs
 import csv
@@ -27,24 +27,24 @@ from pendubot_identification.trajectories.conversion import Conversion
 from .columns import is_unit
 
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
-#: The largest content that is unpacked from a compressed file [bytes]: a tenth of it holds every recording.
+#: Largest decompressed size of a file [bytes]; recordings need less than a tenth of it.
 LARGEST = 1 << 29
-#: So many rows of text are held in memory at once, before they are numbers.
+#: Number of rows of text in memory at once, before their conversion to numbers.
 BLOCK = 1 << 14
 
 
 class Table(NamedTuple):
     """The columns of a file."""
 
-    names: list[str]  #: of the columns.
-    cells: list[Any]  #: of each column: a tuple of texts, an array of numbers, or a pandas Series.
-    row: str = 'sample'  #: the file's word for a row ...
-    rows: Sequence[int] = ()  #: ... and the number of each; by default from 1 on.
-    units: Sequence[str] = ()  #: of each column, from a row below their names; empty without one.
+    names: list[str]  #: names of the columns.
+    cells: list[Any]  #: columns, each a tuple of texts, an array of numbers, or a pandas Series.
+    row: str = 'sample'  #: word for a row in messages.
+    rows: Sequence[int] = ()  #: number of each row in the file; empty: from 1 on.
+    units: Sequence[str] = ()  #: units of the columns, from a row below their names; empty if there is none.
 
 
 def read_table(path: Path, conversion: Conversion) -> Table:
-    """Read a file with columns; the ending of its name gives its format. May raise TableError."""
+    """Read a file with columns in the format of its suffix. May raise TableError."""
     read, packages = FORMATS[path.suffix.lower()]
     try:
         with path.open('rb'):
@@ -59,21 +59,21 @@ def read_table(path: Path, conversion: Conversion) -> Table:
     except (TableError, MemoryError):
         raise
     except Exception as error:  # the libraries raise many types for damaged files
-        raise TableError(f'{path} is no {path.suffix} file that can be read ({error}); export it again') from error
+        raise TableError(f'{path} is not a readable {path.suffix} file ({error}); export it again') from error
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a path names a file with columns by its ending; any folder is a bag."""
+    """Return whether a path has the suffix of a file with columns; a folder is always a bag."""
     return path.suffix.lower() in FORMATS and not path.is_dir()
 
 
 def _text(path: Path, conversion: Conversion) -> Table:
-    """Read text; without an encoding, in UTF-8, UTF-16, or else Windows-1252 (Latin-1)."""
+    """Read text in the given encoding, or else in UTF-8, UTF-16 or Windows-1252 (Latin-1)."""
     with _unpacked(path) as file:
         start = file.read(200)
     utf16 = start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     encodings = ['utf-16' if utf16 else 'utf-16-le' if b'\0' in start[1::2] else 'utf-8-sig', 'cp1252']
-    if b'\0' in start or b'\x80' <= start[:1] < b'\xa0':  # a binary file would be text in the last one, too
+    if b'\0' in start or b'\x80' <= start[:1] < b'\xa0':  # cp1252 also decodes binary files
         encodings.pop()
     encodings = [conversion.encoding] if conversion.encoding else encodings
     for encoding in encodings:
@@ -84,7 +84,7 @@ def _text(path: Path, conversion: Conversion) -> Table:
 
 
 def _unpacked(path: Path) -> IO[bytes]:
-    """Open a file of text, perhaps compressed."""
+    """Open a text file; decompress it if its suffix is .gz."""
     if path.suffix.lower() != '.gz':
         return path.open('rb')
     with gzip.open(path) as unpacked:
@@ -94,7 +94,7 @@ def _unpacked(path: Path) -> IO[bytes]:
 
 
 def _separated(path: Path, file: Iterable[str], conversion: Conversion) -> Table:
-    """Read a line of column names and rows, separated by commas, semicolons, tabs or spaces."""
+    """Read a line of column names, and rows; commas, semicolons, tabs or spaces separate the cells."""
     above = conversion.skip_rows
     lines = (line.rstrip('\n').strip(' ') for line in file)
     head = list(islice(lines, above + 50))
@@ -141,7 +141,7 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion) -> Table
 
 
 def _as_numbers(cells: tuple[str, ...], *, comma: bool) -> Any:
-    """Return cells as an array, which takes a tenth of the memory; as they are if one is no finite number."""
+    """Return cells as an array, which takes a tenth of the memory, or unchanged if one is not a finite number."""
     with suppress(ValueError):
         numbers = np.array([float(cell.replace(',', '.') if comma else cell) for cell in cells])
         if np.isfinite(numbers).all():
@@ -177,19 +177,19 @@ def _is_number(text: str) -> bool:
 
 
 def _numbered(names: Sequence[str]) -> list[str]:
-    """Return 1, 2, ... as names where a row has numbers in their place; else nothing."""
+    """Return the names 1, 2, ... if a row holds numbers in the place of names; else an empty list."""
     return [str(k + 1) for k in range(len(names))] if len(names) > 1 and all(map(_is_number, names)) else []
 
 
 def _lines_above(lines: Sequence[str]) -> int:
-    """Return how many lines stand above the column names, which have as many cells as most lines; 0 if unclear."""
+    """Return the number of lines above the first line with the usual number of cells, the names; 0 if unclear."""
     counts = [len(re.findall(r'[;,\t]', line)) for line in lines[:50]]
     usual = max(set(counts), key=counts.count)
     return counts.index(usual) if usual and counts.count(usual) > len(counts) / 2 else 0
 
 
 def _units(cells: Sequence[object]) -> Sequence[str]:
-    """Return a row of units, if it is one: texts without numbers, of which one at least is a unit."""
+    """Return the units of a row of texts without numbers, at least one a unit; empty for another row."""
     words = [str(cell).strip().strip('[]()') for cell in cells]
     texts = all(isinstance(cell, str) and not _is_number(word) for cell, word in zip(cells, words, strict=True))
     return words if texts and any(map(is_unit, words)) else ()
@@ -273,9 +273,9 @@ def _of_variables(variables: Mapping[str, Any]) -> Table:
     leaves = list(_leaves(variables))
     # Shorter variables are settings.
     size = max((len(cells) for _, cells in leaves), default=0)
-    leaves = [(at, cells) for at, cells in leaves if len(cells) == size]
-    last = [at[-1] for at, _ in leaves]
-    names = [at[-1] if last.count(at[-1]) == 1 else '.'.join(at) for at, _ in leaves]
+    leaves = [(path, cells) for path, cells in leaves if len(cells) == size]
+    last = [path[-1] for path, _ in leaves]
+    names = [path[-1] if last.count(path[-1]) == 1 else '.'.join(path) for path, _ in leaves]
     return Table(names, [cells for _, cells in leaves])
 
 
@@ -295,23 +295,23 @@ def _matlab_73(path: Path) -> dict[str, Any]:
         return {name: value(item) for name, item in file.items() if not name.startswith('#')}
 
 
-def _leaves(variables: Mapping[str, Any], *at: str) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
-    """Return columns by their path; q with two columns gives q1 and q2."""
+def _leaves(variables: Mapping[str, Any], *path: str) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
+    """Yield columns with their paths of names; q with two columns gives q1 and q2."""
     for name, value in variables.items():
         if isinstance(value, Mapping):
-            yield from _leaves(value, *at, name)
+            yield from _leaves(value, *path, name)
         elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu':
             if value.ndim == 1:
-                yield (*at, name), value
+                yield (*path, name), value
             if value.ndim == 2:
                 # The longer dimension is time.
                 columns = value.T if len(value) >= len(value.T) else value
-                yield from (((*at, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
+                yield from (((*path, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
 
 
 def _opaque(path: Path) -> TableError:
     return TableError(
-        f'{path} holds a table or timetable T, which MATLAB alone can read; in MATLAB, '
+        f'{path} holds a table or timetable T, which only MATLAB can read; in MATLAB, '
         "writetable(timetable2table(T), 'run.csv') makes a text file of it"
     )
 

@@ -26,7 +26,7 @@ from typing import Any
 from aiohttp import web
 
 from pendubot_identification.errors import MissingFileError, PendubotError, UsageError
-from pendubot_identification.identification.options import APPLY_REMEDIES, EXPERT, OPTIONS, START
+from pendubot_identification.identification.options import APPLY_REMEDIES, EXPERT_OPTIONS, OPTIONS, START
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
@@ -41,7 +41,7 @@ LARGEST, SESSIONS, LONGEST_NAME = 2 << 30, 16, 200
 LINE = 1 << 24
 BOUNDS = Setting('bounds', '', 'search intervals, such as P1=0:0.5, or fixed values, such as b2=0', optional=True)
 #: The options of the page, without expert settings.
-SETTINGS = {s.name: s for s in (*OPTIONS, BOUNDS, APPLY_REMEDIES, *CONVERSION) if s not in EXPERT}
+SETTINGS = {s.name: s for s in (*OPTIONS, BOUNDS, APPLY_REMEDIES, *CONVERSION) if s not in EXPERT_OPTIONS}
 NO_SPACE = 'free space on this disk, or start the studio with TMPDIR on another one'
 #: Pages load nothing from a network. The page of a result may run its own scripts, but not call the studio.
 POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:; frame-src 'self'"

@@ -95,7 +95,7 @@ def test_other_formats_of_text_are_read(given, text, encoding):
         (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; decimals .*: add --decimal comma"),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
-        (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*; record at a higher rate'),
+        (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*: record at a higher rate'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (
             TEXT.replace('q1', 'q1 [deg]').replace('q2', 'q2 [rad]'),
@@ -107,7 +107,7 @@ def test_other_formats_of_text_are_read(given, text, encoding):
             (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}')
             for stamp, what in (
                 ('5.00', 'repeats, after 5; every row needs a later one: export more digits'),
-                ('4.99', 'runs back, after 5; every row needs a later one: keep one run in each file'),
+                ('4.99', 'decreases, after 5; every row needs a later one: keep one run in each file'),
             )
         ),
     ],
@@ -159,9 +159,9 @@ def in_excel(path, *rows):
 UNUSABLE = {
     'nowhere.csv': (lambda path: None, 'there is no file'),
     'binary.csv': (lambda path: path.write_bytes(b'\x89MCAP0\r\n\xff'), 'no text in UTF-8'),
-    'text.mat': (lambda path: path.write_text('hello' * 99), r'is no \.mat file that can be read'),
-    'text.xlsx': (lambda path: path.write_text('hello'), r'is no \.xlsx file'),
-    'text.parquet': (lambda path: path.write_text('hello'), r'is no \.parquet file'),
+    'text.mat': (lambda path: path.write_text('hello' * 99), r'is not a readable \.mat file'),
+    'text.xlsx': (lambda path: path.write_text('hello'), r'is not a readable \.xlsx file'),
+    'text.parquet': (lambda path: path.write_text('hello'), r'is not a readable \.parquet file'),
     'strings.mat': (lambda path: in_matlab(path, a='text', n=3.0), 'holds no columns of numbers'),
     'structs.mat': (
         lambda path: in_matlab(path, a={'t': np.arange(9.0)}, b={'t': np.arange(9.0), 'x': np.arange(9.0)}),
@@ -169,7 +169,7 @@ UNUSABLE = {
     ),
     'timetable.mat': (
         lambda path: path.write_bytes(b'MATLAB 5.0 MAT-file'.ljust(124) + b'\0\1IM' + opaque()),
-        r"which MATLAB alone can read; in MATLAB, writetable\(timetable2table\(T\), 'run.csv'\)",
+        r"which only MATLAB can read; in MATLAB, writetable\(timetable2table\(T\), 'run.csv'\)",
     ),
     'blank.xlsx': (in_excel, 'holds no columns of numbers'),
     'names.xlsx': (lambda path: in_excel(path, NAMES), 'holds no row of numbers'),
