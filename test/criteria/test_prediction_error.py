@@ -16,7 +16,7 @@ from pendubot_identification.trajectories.motion import Motion
 from test.criteria.likelihoods import TRUE, motions
 
 HORIZONS, STRIDE = (0.1, 0.25, 0.5), 0.05
-#: The elbow has no motor, so that nothing tells of its friction under load.
+#: Index of the elbow's friction under load, which is not identifiable without a motor at the elbow.
 UNKNOWN = 13
 
 
@@ -26,7 +26,7 @@ def moved():
 
 
 def refined(moved, theta=TRUE, prior=None, pull=None, bounds=None, delay=0.0, offset=(0.0, 0.0), **settings):
-    """Return the fit; by default the prior knows next to nothing."""
+    """Return the fit, by default with a weak prior."""
     weak = np.diag(1e-3 / np.maximum(abs(TRUE), 1e-2) ** 2)
     return refine(
         moved,
@@ -46,7 +46,7 @@ def off(theta):
     return abs(theta[:5] / TRUE[:5] - 1).max()
 
 
-def test_derivatives_are_the_differences_of_errors(moved):
+def test_derivatives_agree_with_finite_differences_of_the_errors(moved):
     theta = 1.05 * TRUE + 0.01
     simulations = Simulations.of(moved, theta, 0.004, np.array([0.01, -0.02]), HORIZONS, STRIDE)
     errors, states = simulations.errors(theta)
@@ -70,7 +70,7 @@ def test_simulations_lie_within_their_recordings(moved):
         np.testing.assert_allclose(np.diff(t), STRIDE)
 
 
-def test_slopes_and_information_are_the_criterions(moved):
+def test_slopes_and_information_agree_with_the_criterion(moved):
     found = refined(moved, 1.1 * TRUE, 1e4 * np.diag(1 / np.maximum(TRUE, 0.01) ** 2))
     settings, filter_data = PredictionSettings(), FilterData.of(moved)
     simulations = Simulations.of(moved, 1.1 * TRUE, 0.0, np.zeros(2), HORIZONS, STRIDE)
@@ -90,7 +90,7 @@ def test_slopes_and_information_are_the_criterions(moved):
     np.testing.assert_allclose(rest, 1e4 * np.diag(1 / np.maximum(TRUE, 0.01) ** 2), rtol=1e-6, atol=1e-3)
 
 
-def test_the_answer_is_a_minimum_near_the_truth(moved):
+def test_the_estimate_is_a_minimum_near_the_truth(moved):
     theta = TRUE * np.where(np.arange(14) % 2, 0.9, 1.1)
     found = refined(moved, theta)
     assert off(found.theta) < 0.01
@@ -99,7 +99,7 @@ def test_the_answer_is_a_minimum_near_the_truth(moved):
     np.testing.assert_allclose(again.theta[:5], found.theta[:5], rtol=2e-3)
 
 
-def test_delay_and_offsets_belong_to_the_simulation():
+def test_the_simulation_includes_delay_and_offsets():
     late = motions(delay=0.01)
     shifted = [Motion.prepare(replace(m.recorded, q=m.recorded.q + np.array([0.02, -0.01])), 0.05) for m in late]
     right = refined(shifted, delay=0.01, offset=(0.02, -0.01))
@@ -108,18 +108,18 @@ def test_delay_and_offsets_belong_to_the_simulation():
     assert (right.scale < refined(shifted, offset=(0.02, -0.01)).scale).all()
 
 
-def test_one_disturbed_recording_moves_the_answer_less_than_in_least_squares(moved):
-    """A hand pushed while the third was recorded."""
+def test_a_disturbed_recording_changes_the_estimate_less_than_in_least_squares(moved):
+    """A hand pushes the rig in the third recording."""
     recorded = moved[2].recorded
     hand = np.outer(np.sin(2.5 * recorded.t), [1.0, 0.0])
     pushed = [*moved[:2], Motion.prepare(replace(recorded, tau=recorded.tau + hand), 0.05)]
-    found, plain = refined(pushed), refined(pushed, shrinkage=1e12)
-    np.testing.assert_allclose(plain.factor, 1, rtol=1e-6)
+    found, least_squares = refined(pushed), refined(pushed, shrinkage=1e12)
+    np.testing.assert_allclose(least_squares.factor, 1, rtol=1e-6)
     assert found.factor[2] > 1.3 * found.factor[:2].max()
-    assert off(found.theta) < 0.7 * off(plain.theta)
+    assert off(found.theta) < 0.7 * off(least_squares.theta)
 
 
-def test_the_prior_determines_parameters_that_the_errors_do_not(moved):
+def test_the_prior_determines_parameters_without_information_in_the_errors(moved):
     theta = TRUE.copy()
     theta[UNKNOWN] = 0.1
     prior, pull = np.diag(1e-3 / np.maximum(abs(TRUE), 1e-2) ** 2), np.zeros(14)
@@ -130,7 +130,7 @@ def test_the_prior_determines_parameters_that_the_errors_do_not(moved):
     assert refined(moved, theta, prior, pull).theta[UNKNOWN] == pytest.approx(0.15, abs=2e-3)
 
 
-def test_a_prior_that_is_sure_is_kept(moved):
+def test_a_strong_prior_is_kept(moved):
     theta = 1.03 * TRUE
     found = refined(moved, theta, np.diag(1e10 / np.maximum(TRUE, 0.01) ** 2))
     np.testing.assert_allclose(found.theta, theta, rtol=1e-4, atol=1e-6)
