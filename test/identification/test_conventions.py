@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identification.conventions import diagnose, link_length
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
@@ -22,6 +21,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test import real
 from test.simulated_rig import Rig, record
+from test.virtual import recording
 
 recorded = functools.cache(real.recorded)
 LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
@@ -32,13 +32,7 @@ def diagnosed(*recordings, model='viscous', smoothing=0.02, hold='zero', **known
     return diagnose([Motion.prepare(recording, smoothing, hold) for recording in recordings], model, **known)
 
 
-def pulses(rate=100, seed=1):
-    t = np.arange(9 * rate) / rate
-    tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
-    return quantised(simulate(PAPER, t, tau), 4000)
-
-
-def moved(q1=0.0, q2=0.0):
+def shifted(q1=0.0, q2=0.0):
     return lambda m: replace(m, q=m.q + np.radians([q1, q2]))
 
 
@@ -48,7 +42,7 @@ def late(motion):
     return replace(motion, tau=np.concatenate([np.repeat(motion.tau[:1], samples, axis=0), motion.tau[:-samples]]))
 
 
-def hung(positions):
+def about_hanging(positions):
     """Return a function that transforms the angles relative to hanging."""
     return lambda m: replace(m, q=(m.q - HANG) @ np.transpose(positions) + HANG)
 
@@ -63,7 +57,7 @@ FIRST, SECOND, BOTH, EXCHANGED = ((-1, 0), (0, 1)), ((1, 0), (0, -1)), ((-1, 0),
 FAULTS = {
     'elbow turned': (transformed(SECOND, SECOND), 'the elbow turns the other way'),
     'elbow encoder': (transformed(SECOND), "the elbow's position has the wrong sign"),
-    'shoulder encoder': (hung(FIRST), "the shoulder's position has the wrong sign"),
+    'shoulder encoder': (about_hanging(FIRST), "the shoulder's position has the wrong sign"),
     'effort': (transformed(tau=BOTH), 'the effort has the wrong sign'),
     'shoulder from the horizontal': (
         transformed(FIRST),
@@ -71,11 +65,11 @@ FAULTS = {
     ),
     'order as measured': (transformed(EXCHANGED, EXCHANGED), 'the joints are in the wrong order'),
     'columns as measured': (transformed(EXCHANGED), "the joints' positions are in the wrong order"),
-    'order': (lambda m: transformed(tau=EXCHANGED)(hung(EXCHANGED)(m)), 'the joints are in the wrong order'),
-    'q1 zero': (moved(q1=5), r"q1's zero is off by [45]\.\d"),
-    'q2 zero': (moved(q2=5), r"q2's zero is off by [45]\.\d"),
-    'hanging': (moved(q1=90), r"q1's zero is off by (89|90)\.\d"),
-    'absolute': (hung(((1, 0), (1, 1))), "the elbow's position is absolute"),
+    'order': (lambda m: transformed(tau=EXCHANGED)(about_hanging(EXCHANGED)(m)), 'the joints are in the wrong order'),
+    'q1 zero': (shifted(q1=5), r"q1's zero is off by [45]\.\d"),
+    'q2 zero': (shifted(q2=5), r"q2's zero is off by [45]\.\d"),
+    'hanging': (shifted(q1=90), r"q1's zero is off by (89|90)\.\d"),
+    'absolute': (about_hanging(((1, 0), (1, 1))), "the elbow's position is absolute"),
     'late effort': (late, r'the effort is stamped 2\d ms later than it acts'),
 }
 
@@ -85,7 +79,7 @@ def test_a_fault_of_the_papers_rig_is_diagnosed(fault):
     transform, found = FAULTS[fault]
     if fault == 'elbow turned':
         found = "the elbow's position has the wrong sign"  # its effort is zero with either sign
-    (diagnosis,) = diagnosed(transform(pulses()))
+    (diagnosis,) = diagnosed(transform(recording()))
     assert re.match(found, diagnosis.found)
     assert diagnosis.sentence.startswith(f'{diagnosis.found}: the model does not explain ')
     assert diagnosis.unexplained > 5 * diagnosis.corrected
@@ -94,7 +88,7 @@ def test_a_fault_of_the_papers_rig_is_diagnosed(fault):
 
 @pytest.mark.parametrize(('rate', 'seed'), [(100, 0), (500, 1)])
 def test_a_good_recording_has_no_fault_until_its_effort_is_in_millinewtonmetres(rate, seed):
-    motion = pulses(rate, seed)
+    motion = recording(9 * rate, 1 / rate, seed=seed)
     assert diagnosed(motion, expected_link_length=PAPER.P3 / PAPER.P5) == ()
     (unit,) = diagnosed(replace(motion, tau=1000 * motion.tau))
     assert (unit.name, unit.level) == ('unit', Level.ERROR)
@@ -113,23 +107,23 @@ def test_a_coarse_encoder_is_not_diagnosed_as_a_wrong_unit():
 
 
 def test_two_faults_are_diagnosed_one_after_the_other():
-    first, second = diagnosed(late(FAULTS['effort'][0](pulses())))
+    first, second = diagnosed(late(FAULTS['effort'][0](recording())))
     assert 'the effort has the wrong sign' in first.found.split(', or ')
     assert second.found == 'the effort is stamped 20 ms later than it acts'
     assert second.unexplained == first.corrected
-    first, second = diagnosed(FAULTS['hanging'][0](FAULTS['elbow encoder'][0](pulses())))
+    first, second = diagnosed(FAULTS['hanging'][0](FAULTS['elbow encoder'][0](recording())))
     assert [first.name, second.found] == ['zero', "the elbow's position has the wrong sign"]
 
 
 @pytest.mark.parametrize(('smoothing', 'hold'), [(0.02, 'zero'), (0.05, 'linear')])
 def test_a_constant_offset_of_the_effort_is_diagnosed(smoothing, hold):
-    motion = pulses()
+    motion = recording()
     (fault,) = diagnosed(replace(motion, tau=motion.tau + np.array([0.05, 0])), smoothing=smoothing, hold=hold)
     assert fault.found == "the shoulder's effort is off by a constant 0.05 N m"
 
 
 def test_a_motion_that_no_correction_explains_is_an_error():
-    motion = pulses()
+    motion = recording()
     (found,) = diagnosed(replace(motion, tau=motion.tau[::-1]))
     assert found.sentence.startswith('the motion does not fit any pendubot: ')
     assert found.level == Level.ERROR
@@ -155,7 +149,7 @@ def test_the_model_fits_motions_of_coarse_encoders():
 
 
 def test_a_known_delay_is_not_a_fault():
-    motion = late(pulses())
+    motion = late(recording())
     assert diagnosed(motion, delay=-0.02) == ()
     (fault,) = diagnosed(motion)
     assert 'identify with a delay of -0.020 s' in fault.remedy
@@ -165,7 +159,7 @@ def test_a_known_delay_is_not_a_fault():
 def test_a_late_effort_is_severe_if_no_delay_is_estimated():
     """The criterion weak estimates the delay with the parameters; the criterion energy has no delay."""
     settings = Settings(('energy', 'weak'), 'viscous', optimizer='lsq', hold='zero')
-    energy, weak = identify([late(pulses())], (), settings).estimates
+    energy, weak = identify([late(recording())], (), settings).estimates
     assert (energy.level, weak.level) == (Level.ERROR, Level.WARN)
     assert energy.warnings == weak.warnings
     assert weak.warnings[0].startswith('the effort is stamped 20 ms later than it acts')
@@ -185,15 +179,13 @@ def test_radians_of_a_tiny_fast_rig_are_not_diagnosed_as_degrees(rate):
 
 
 def test_angles_in_degrees_are_diagnosed():
-    t = np.arange(900) / 100
-    tau = np.column_stack([[0.3 * PulseTrain(seed=1).torque(x) for x in t], np.zeros(len(t))])
-    motion = quantised(simulate(BALANCE, t, tau), 4000)
+    motion = recording(rig=BALANCE, strength=0.3)
     (fault,) = diagnosed(replace(motion, q=np.rad2deg(motion.q)))
     assert fault.found == 'the positions are in degrees'
 
 
 def test_an_uninformative_motion_has_no_fault():
-    motion = pulses()
+    motion = recording()
     still = replace(motion, q=np.broadcast_to(HANG, motion.q.shape))
     for poor in (motion.window(0, 0.7), motion.window(0, 1.05), replace(motion, tau=0 * motion.tau), still):
         assert diagnosed(poor) == ()
@@ -201,10 +193,11 @@ def test_an_uninformative_motion_has_no_fault():
 
 @pytest.mark.parametrize(('rate', 'smoothing'), [(100, 0.02), (500, 0.05)])
 def test_the_elbows_equation_determines_the_length_of_link_1(rate, smoothing):
-    length, error = link_length([Motion.prepare(pulses(rate), smoothing)], 'viscous')
+    motion = recording(9 * rate, 1 / rate)
+    length, error = link_length([Motion.prepare(motion, smoothing)], 'viscous')
     assert length == pytest.approx(PAPER.P3 / PAPER.P5, rel=0.01)
     assert error < 0.01 * length
-    (fault,) = diagnosed(pulses(rate), expected_link_length=1.2 * PAPER.P3 / PAPER.P5)
+    (fault,) = diagnosed(motion, expected_link_length=1.2 * PAPER.P3 / PAPER.P5)
     assert fault.found == 'the elbow moves as on a link 1 of 0.030 +- 0.000 m, 0.036 m is expected'
     assert fault.level == Level.WARN
 
@@ -236,6 +229,6 @@ def test_a_fault_of_a_real_rig_is_diagnosed(rig, fault):
 )
 def test_a_large_error_of_a_zero_is_severe(rig, angle, level):
     """By 3 degrees the weak criterion's parameters change by 11 % at most, by 10 degrees by 64 and 71 %."""
-    turned = (moved(q1=angle)(motion[::5]) for motion in recorded(rig, 'train'))
+    turned = (shifted(q1=angle)(motion[::5]) for motion in recorded(rig, 'train'))
     (fault,) = diagnosed(*turned, model='rotor', hold='linear')
     assert (fault.name, fault.level) == ('zero', level)

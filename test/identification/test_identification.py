@@ -21,6 +21,7 @@ from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, d
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
 from test.identification.test_assessment import GOOD
+from test.identification.test_residuals import ANOTHER
 from test.real import recorded
 from test.virtual import C1, CHAOTIC, GEARED, STIFF, exact_motion, recording
 
@@ -124,9 +125,6 @@ def with_missing_samples(motion):
     kept = np.ones(len(motion), dtype=bool)
     kept[100::12] = False
     return motion[kept]
-
-
-ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
 
 
 @pytest.mark.parametrize(
@@ -254,9 +252,13 @@ def test_a_delay_gives_a_warning_unless_it_is_declared():
     assert (found.level, beyond.level) == (Level.WARN, Level.ERROR)
 
 
-def test_the_estimate_converges_from_a_start_that_is_wrong_by_a_factor_of_three():
-    off = 3.0 ** np.random.default_rng(0).choice([-1, 1], 7)
-    result = identify([recording(400, seed=2)], [], replace(LIKELIHOOD, start=Parameters(*(TRUTH * off))))
+@pytest.mark.parametrize(
+    'start',
+    [Parameters(*(TRUTH * 3.0 ** np.random.default_rng(0).choice([-1, 1], 7))), replace(PAPER, P2=0.0, P3=0.0)],
+    ids=['wrong by a factor of 3', 'without inertia'],
+)
+def test_the_estimate_converges_from_a_wrong_start(start):
+    result = identify([recording(400, seed=2)], [], replace(LIKELIHOOD, start=start))
     assert error(result.best) < 0.01
     assert result.level is Level.OK
 
@@ -274,11 +276,6 @@ def test_the_estimate_recovers_from_a_wrong_initial_delay(monkeypatch):
     monkeypatch.setattr(linear, 'estimate_delay', lambda *_, **__: 0.06)
     best = identify([recording(330, 0.03, rig=STIFF, seed=2, strength=4.0)], [], Settings(hold='zero')).best
     np.testing.assert_allclose(best.theta[:5], STIFF.vector()[:5], rtol=0.03)
-
-
-def test_the_estimate_converges_from_a_start_without_inertia():
-    start = replace(PAPER, P2=0.0, P3=0.0)
-    assert error(identify([recording(400, seed=2)], [], replace(LIKELIHOOD, start=start)).best) < 0.01
 
 
 def test_a_chaotic_motion_is_explained_exactly():
@@ -401,15 +398,15 @@ def test_a_parameter_on_its_bound_is_reported_and_keeps_its_standard_error():
 
 
 @pytest.fixture(scope='module')
-def turned():
+def with_wrong_zero():
     """Return two recordings of a rig with dry friction; the elbow's zero of the first is wrong by 6 degrees."""
     rig = replace(PAPER, Fc1=0.05, Fc2=0.005)
     first, second = (recording(500, rig=rig, seed=seed, strength=1.5, name=f'take {seed}') for seed in (1, 2))
     return replace(first, q=first.q + np.radians([0.0, 6.0]), qd=None), second
 
 
-def test_the_recording_with_a_wrong_zero_is_reported(turned):
-    result = identify(turned, [], replace(LIKELIHOOD, model='coulomb'))
+def test_the_recording_with_a_wrong_zero_is_reported(with_wrong_zero):
+    result = identify(with_wrong_zero, [], replace(LIKELIHOOD, model='coulomb'))
     off, std_error = result.best.zeros.angles, result.best.zeros.std_error
     np.testing.assert_allclose(np.degrees(off), [[0, 0], [6, 0]], atol=1.5)
     assert (std_error < np.radians(2)).all()

@@ -3,7 +3,6 @@
 
 """Prediction errors, compared with an independent computation."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -75,12 +74,11 @@ def test_prediction_errors_agree_with_an_independent_integration():
     np.testing.assert_allclose(prediction.persistence[row], np.sqrt(np.mean(np.square(persistence))), rtol=1e-4)
 
 
+@pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('duration', [0.07, 0.3, 0.8])
 def test_horizons_longer_than_the_motion_have_no_prediction_error(duration):
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        motion = exact_motion(vector('viscous'), round(duration / 0.004) + 1)
-        prediction = predict([motion], vector('viscous'), 0.0, SCALE)
+    motion = exact_motion(vector('viscous'), round(duration / 0.004) + 1)
+    prediction = predict([motion], vector('viscous'), 0.0, SCALE)
     longer = np.array(HORIZONS) >= duration
     np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
     np.testing.assert_array_equal(np.isnan(prediction.still).any(axis=1), longer)
@@ -100,11 +98,10 @@ def test_predictions_use_no_state_outside_the_recording(delay):
     assert max(map(np.max, times)) <= motion.end + 2e-4
 
 
+@pytest.mark.filterwarnings('error')
 def test_the_errors_of_a_diverging_simulation_are_clipped_without_a_warning():
     motion = exact_motion(vector('viscous'), 300)
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        prediction = predict([motion], vector('viscous') * [1, 1, 1, 1, 1, -1e4, 1], 0.0, SCALE)
+    prediction = predict([motion], vector('viscous') * [1, 1, 1, 1, 1, -1e4, 1], 0.0, SCALE)
     assert np.isfinite(prediction.errors).all()
     assert prediction.errors.max() == 1e3
 

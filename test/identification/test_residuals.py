@@ -50,11 +50,6 @@ def test_the_recording_of_another_rig_is_reported(one_rig, stranger):
     assert message.startswith(f'take {stranger} contradicts the other recordings')
 
 
-def test_two_recordings_that_contradict_each_other_are_both_reported():
-    (message,) = contradicted(recording(900, name='one'), recording(900, seed=2, rig=ANOTHER, name='two'))
-    assert message.startswith('one and two contradict each other')
-
-
 @pytest.mark.recordings
 def test_a_recording_among_recordings_of_another_real_rig_is_reported():
     rigs = [real.recorded(rig, 'train') for rig in real.RIGS]

@@ -32,7 +32,7 @@ def recordings():
 
 
 @pytest.fixture
-def found(recordings):
+def identified(recordings):
     """Return a function that returns the result of a rig's recordings and the largest error of P1 to P5 [%]."""
 
     def identified(name=None):
@@ -46,15 +46,15 @@ def found(recordings):
     return identified
 
 
-def test_an_ideal_rig_is_identified_exactly(found):
-    result, error = found()
+def test_an_ideal_rig_is_identified_exactly(identified):
+    result, error = identified()
     assert (result.level, result.warnings, result.effects) == (Level.OK, (), ())
     assert result.best.exact
     assert error < 0.01
 
 
-def test_an_effect_is_reported_and_compensated(found):
-    result, error = found(SATURATED)
+def test_an_effect_is_reported_and_compensated(identified):
+    result, error = identified(SATURATED)
     assert [(effect.name, effect.where, effect.accepted) for effect in result.effects] == [
         ('saturation', 'motor', True)
     ]
@@ -67,16 +67,16 @@ def test_an_effect_is_reported_and_compensated(found):
 @pytest.mark.parametrize(
     ('cell', 'beginning'), [(OFFSET, "the shoulder's effort is off by"), (LAGGING, 'the torque follows')]
 )
-def test_a_fault_that_is_also_an_effect_is_reported_once(found, cell, beginning):
-    result, error = found(cell)
+def test_a_fault_that_is_also_an_effect_is_reported_once(identified, cell, beginning):
+    result, error = identified(cell)
     (warning,) = result.warnings
     assert warning.startswith(beginning)
     assert result.level is Level.WARN
     assert error < 0.05
 
 
-def test_an_effect_outside_the_catalogue_is_reported_by_its_fraction_of_the_innovation_variance(found):
-    result, error = found(('backlash', 2))
+def test_an_effect_outside_the_catalogue_is_reported_by_its_fraction_of_the_innovation_variance(identified):
+    result, error = identified(('backlash', 2))
     assert result.level is Level.WARN
     (warning,) = result.warnings
     assert warning.startswith('the rig has unmodelled effects: they make 9')
@@ -84,8 +84,8 @@ def test_an_effect_outside_the_catalogue_is_reported_by_its_fraction_of_the_inno
     assert error < 2
 
 
-def test_pushes_by_hand_are_reported_as_disturbances(found, recordings):
-    result, error = found(('push', 2))
+def test_pushes_by_hand_are_reported_as_disturbances(identified, recordings):
+    result, error = identified(('push', 2))
     assert result.level is Level.WARN
     assert result.warnings[0].startswith('a disturbance: ')
     named = re.findall(r'take (\d) at ([\d.]+) s', result.warnings[0])
