@@ -20,11 +20,11 @@ def motions(seeds=(1, 2), samples=1000, smoothing=0.05, **options):
     return [Motion.prepare(recording(samples, seed=seed, **options), smoothing) for seed in seeds]
 
 
-def likelihood(moved, theta=TRUE, effects=(), **settings):
+def likelihood(prepared, theta=TRUE, effects=(), **settings):
     """Return the likelihood of recordings, a start with this theta, and lower and upper bounds."""
-    filter_data = FilterData.of(moved, LikelihoodSettings(**settings))
-    torque = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in moved]) ** 2, axis=0)).max()
-    speed = max(m.states(m.recorded.t)[2:].std() for m in moved)
+    filter_data = FilterData.of(prepared, LikelihoodSettings(**settings))
+    torque = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in prepared]) ** 2, axis=0)).max()
+    speed = max(m.states(m.recorded.t)[2:].std() for m in prepared)
     inertia, weight = theta[:2].sum(), theta[3:5].sum()
     own = [inertia] * 3 + [weight] * 2 + [torque / speed] * 2 + [torque] * 2 + [inertia] + [torque] * 2 + [1, 1]
     extra = [

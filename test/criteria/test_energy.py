@@ -94,19 +94,6 @@ def test_degrees_and_wrapped_angles_are_refused():
             energy_regression(Trajectory(t, angles, tau))
 
 
-def test_pulses_are_reproducible_and_have_the_given_bounds_and_width():
-    pulses = PulseTrain(period=1.0, width=0.05, amplitude_min=-0.5, amplitude_max=1.0, hold=0.01, seed=3)
-    t = np.arange(1000) * 0.001
-    tau = np.array([pulses.torque(x) for x in t])
-    np.testing.assert_array_equal(tau, [PulseTrain(1.0, 0.05, -0.5, 1.0, 0.01, 3).torque(x) for x in t])
-    assert np.flatnonzero(tau).tolist() == list(range(50))
-    assert len(np.unique(tau[:50])) == 5
-    assert tau.min() >= -0.5
-    assert tau.max() <= 1.0
-    assert pulses.torque(-0.1) == 0.0
-    assert pulses.torque(0.0) != pulses.torque(1.0), 'every pulse is drawn anew'
-
-
 @pytest.mark.parametrize(
     ('window', 'sentence'),
     [

@@ -53,8 +53,7 @@ def coupled(seed, noise=1.0, size=5):
 def test_the_minimum_with_a_definite_mass_matrix_is_no_worse_than_that_of_slsqp(seed):
     J, bounds = coupled(seed)
     found = J.minimum(bounds)
-    assert (found >= bounds.lower).all()
-    assert (found <= bounds.upper).all()
+    assert ((bounds.lower <= found) & (found <= bounds.upper)).all()
     assert abs(found[2]) <= LARGEST_COUPLING * np.sqrt(found[0] * found[1]) * (1 + 1e-9)
     scale = bounds.upper - bounds.lower
 

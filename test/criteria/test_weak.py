@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import MODELS, PAPER, Parameters, default_bounds
-from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.model.simulation import simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.real import recorded
@@ -26,13 +25,6 @@ PUBLISHED = {
     'dfki_C1_sysid': (0.0596, 0.0505, 0.0320, 0.2298, 0.1600),
     'dfki_A0_sysid': (0.1112, 0.0235, 0.0333, 0.3491, 0.1111),
 }
-
-
-def pulses(rate=100, seed=1, duration=9.0):
-    """Return a recording of the paper's experiment on the virtual rig."""
-    t = np.arange(int(duration * rate)) / rate
-    tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
-    return quantised(simulate(PAPER, t, tau), 4000)
 
 
 def estimate(motions, model, delay=0.0):
@@ -97,7 +89,7 @@ def test_every_pulse_counts_once_despite_jitter_and_delay(seed, delay, jitter):
 
 
 def test_weighted_residuals_have_equal_RMS():
-    motion, bounds = Motion.prepare(pulses(), 0.02), default_bounds().of(7)
+    motion, bounds = Motion.prepare(recording(), 0.02), default_bounds().of(7)
     weights = residual_weights([weak_regression(motion, 'viscous')], bounds)
     parts = weak_regression(motion, 'viscous', weights=weights)
     theta = Quadratic.reduce(parts.phi, parts.y).minimum(bounds)
@@ -115,7 +107,7 @@ def test_a_small_delay_is_estimated_and_does_not_bias_the_parameters(rate, delay
 
 
 def test_a_motion_that_is_too_short_or_in_degrees_is_refused():
-    short = pulses().window(0, 0.6)
+    short = recording().window(0, 0.6)
     with pytest.raises(TrajectoryError, match=r'0\.190 s with known torque are shorter than the test function'):
         weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.4)
     degrees = Trajectory(short.t, np.rad2deg(np.column_stack([9 * short.t, short.t])), short.tau)

@@ -22,7 +22,7 @@ def paper_pulses(torque):
     return PulseTrain(amplitude_min=-torque, amplitude_max=torque)
 
 
-def moving(parameters, train, experiment, *start):
+def simulated(parameters, train, experiment, *start):
     """Return the simulated motion of a rig."""
     t = np.arange(round(experiment.duration / experiment.interval)) * experiment.interval
     return simulate(parameters, t, np.column_stack([train.torques(t), np.zeros(len(t))]), *start)
@@ -34,8 +34,8 @@ def expected_errors(parameters, train, experiment):
 
     def motion(change):
         p = Parameters.from_vector(theta * (1 + change[5:]))
-        moved = moving(p, train, experiment, tuple(HANGING + change[:2]), tuple(change[2:4]))
-        return moved.q - change[4] * moved.qd
+        result = simulated(p, train, experiment, tuple(HANGING + change[:2]), tuple(change[2:4]))
+        return result.q - change[4] * result.qd
 
     size = 5 + len(theta)
     step = 1e-4
@@ -51,9 +51,9 @@ def test_predicted_standard_errors_agree_with_finite_differences_of_simulations(
     train = PulseTrain(period=0.5, width=0.2, amplitude_min=-0.6, amplitude_max=0.6, hold=0.05, seed=3)
     (found,) = predict(PAPER, [train], experiment)
     np.testing.assert_allclose(found.std_error, expected_errors(PAPER, train, experiment), rtol=0.03)
-    moved = moving(PAPER, train, experiment)
-    np.testing.assert_allclose(found.speed, np.abs(moved.qd).max(axis=0), rtol=0.03)
-    np.testing.assert_allclose(found.angle, np.abs(moved.q - HANGING).max(axis=0), rtol=0.01)
+    motion = simulated(PAPER, train, experiment)
+    np.testing.assert_allclose(found.speed, np.abs(motion.qd).max(axis=0), rtol=0.03)
+    np.testing.assert_allclose(found.angle, np.abs(motion.q - HANGING).max(axis=0), rtol=0.01)
 
 
 def test_standard_errors_are_proportional_to_the_encoder_step_and_huge_without_motion():
@@ -71,9 +71,9 @@ def test_a_design_is_more_informative_than_the_papers_pulses_and_keeps_the_limit
     (paper,) = predict(PAPER, [paper_pulses(0.8)], SHORT)
     assert found.log_information > paper.log_information
     assert max(-found.train.amplitude_min, found.train.amplitude_max) <= 0.8
-    moved = moving(PAPER, found.train, SHORT)
-    assert np.abs(moved.qd).max() <= 18.0
-    assert (np.abs(moved.q - HANGING).max(axis=0) <= (2.0, 5.0)).all()
+    motion = simulated(PAPER, found.train, SHORT)
+    assert np.abs(motion.qd).max() <= 18.0
+    assert (np.abs(motion.q - HANGING).max(axis=0) <= (2.0, 5.0)).all()
     assert sorted({done for done, _ in reports}) == [1, 2, 3]
     assert np.diff([best for _, best in reports]).min() >= 0
     assert design(PAPER, limits, SHORT, generations=3).train == found.train, 'same seed, same design'
@@ -109,9 +109,12 @@ def test_torques_that_make_every_simulation_diverge_give_an_error_without_a_warn
         design(PAPER, limits, Experiment(), generations=1)
 
 
-def test_pulses_begin_with_each_period_and_hold_each_torque():
-    train = PulseTrain(period=0.5, width=0.1, amplitude_min=-0.5, amplitude_max=1.0, hold=0.02, seed=3)
-    torques = train.torques(np.arange(-10, 150) * 0.01)
+def test_pulses_begin_with_each_period_hold_each_torque_and_are_reproducible():
+    options = {'period': 0.5, 'width': 0.1, 'amplitude_min': -0.5, 'amplitude_max': 1.0, 'hold': 0.02, 'seed': 3}
+    train, t = PulseTrain(**options), np.arange(-10, 150) * 0.01
+    torques = train.torques(t)
+    np.testing.assert_array_equal(torques, [PulseTrain(**options).torque(x) for x in t])
+    assert ((torques >= -0.5) & (torques <= 1.0)).all()
     assert not torques[:10].any(), 'before the start'
     pulses = torques[10:].reshape(3, 50)
     assert (pulses[:, :5] != 0).all()
