@@ -3,8 +3,6 @@
 
 """Many simulations at once, by the kernel and by numpy; test_dynamics proves that each is right."""
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -95,14 +93,14 @@ DIVERGING = {
 
 
 @both_paths
+@pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('cause', DIVERGING)
 @pytest.mark.parametrize('lanes', [1, 40])
 def test_a_diverging_simulation_is_not_finite_and_gives_no_warning(compiled, cause, lanes):
     theta, h = DIVERGING[cause], 0.05
     x, tau = motion(lanes, 400)
     x[1] = 0.0
-    with path(compiled), warnings.catch_warnings():
-        warnings.simplefilter('error')
+    with path(compiled):
         states = roll(theta, x, tau, h)
         derivatives = sensitivities(theta, states, tau, h)
         together = roll(np.stack([theta, theta], axis=1)[:, :, None], x, tau, h)

@@ -5,7 +5,6 @@
 
 import json
 import math
-import warnings
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -88,10 +87,9 @@ def test_the_part_of_long_recordings_with_the_largest_error_is_shown():
     assert t[0] < 25 < 27 < t[-1] <= t[0] + plots.SHOWN
 
 
+@pytest.mark.filterwarnings('error')
 def test_a_diverging_simulation_is_drawn_while_finite_and_gives_no_warning():
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        (picture,) = plots.Prepared.of(with_values(made(), b1=-10.0, b2=-10.0), [swing()[:400]], []).simulation()
+    (picture,) = plots.Prepared.of(with_values(made(), b1=-10.0, b2=-10.0), [swing()[:400]], []).simulation()
     assert np.isnan(lines(picture)[0][1]).sum() > 10
     svg = picture.files('svg')['svg']
     assert b'inf' not in svg

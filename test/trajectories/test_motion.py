@@ -17,8 +17,9 @@ from pendubot_identification.model.simulation import simulate
 from pendubot_identification.trajectories.conversion import Affine
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test import virtual
 
-GEARED = Parameters(*(0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026), *(0.1, 0.05, 0.15, 0.2))
+GEARED = Parameters.from_vector(virtual.GEARED)
 
 
 def recording(t, tau, parameters=GEARED):
