@@ -33,7 +33,7 @@ def shorten(monkeypatch):
 
 
 @pytest.fixture(scope='module')
-def everything(tmp_path_factory):
+def reproduced(tmp_path_factory):
     """Return the folder of a short reproduction, under another matplotlib style of the user."""
     folder = tmp_path_factory.mktemp('reproduced') / 'new' / 'paper'
     with pytest.MonkeyPatch.context() as monkeypatch, matplotlib.rc_context({'axes.facecolor': 'red'}):
@@ -42,20 +42,20 @@ def everything(tmp_path_factory):
     return folder
 
 
-def test_all_files_are_written_to_one_folder(everything):
+def test_all_files_are_written_to_one_folder(reproduced):
     expected = {'index.md', *TIMES, 'figures/figure1.png', 'figures/figure1.svg'}
     expected |= {f'tables/{name}.{ending}' for name in TABLES for ending in ('md', 'csv')}
-    assert set(files(everything)) == expected
-    index = (everything / 'index.md').read_text()
+    assert set(files(reproduced)) == expected
+    index = (reproduced / 'index.md').read_text()
     assert 'pendubot reproduce --runs 2 --seed 3' in index
     assert 'Not finished' not in index
     for name in TABLES:
-        assert (everything / 'tables' / f'{name}.md').read_text() in index
+        assert (reproduced / 'tables' / f'{name}.md').read_text() in index
     for target in re.findall(r'\]\(([^)]+)\)', index):
-        assert (everything / target).exists(), target
+        assert (reproduced / target).exists(), target
 
 
-def test_the_same_seed_gives_the_same_bytes_also_for_single_parts(everything, tmp_path, monkeypatch, run):
+def test_the_same_seed_gives_the_same_bytes_also_for_single_parts(reproduced, tmp_path, monkeypatch, run):
     shorten(monkeypatch)
     parts = ('--only', 'figure1,table8,threshold', '--seed', '3', '--output', tmp_path)
     (tmp_path / 'index.md').write_text('mine')
@@ -63,7 +63,7 @@ def test_the_same_seed_gives_the_same_bytes_also_for_single_parts(everything, tm
     assert (status, files(tmp_path)) == (1, {'index.md': b'mine'})
     assert 'exists already and is not empty' in err
     assert run('reproduce', '--runs', 2, *parts, '--force')[::2] == (0, ''), 'no progress without a terminal'
-    first, again = files(everything), files(tmp_path)
+    first, again = files(reproduced), files(tmp_path)
     assert {'tables/threshold.md', 'tables/table8.csv', 'figures/figure1.svg', 'figures/figure1.png'} <= set(again)
     assert {name for name in again if first[name] != again[name]} == {'index.md'}
     other = ('--only', 'threshold', '--seed', 4, '--output', tmp_path, '--force')

@@ -29,7 +29,7 @@ def read(path, **options):
 
 
 @pytest.fixture
-def given(tmp_path):
+def written(tmp_path):
     def write(text=TEXT, encoding='utf-8'):
         path = tmp_path / 'run.csv'
         path.write_text(text, encoding=encoding)
@@ -38,22 +38,22 @@ def given(tmp_path):
     return write
 
 
-def test_the_default_columns_and_degrees(given):
-    trajectory = read(given())
+def test_the_default_columns_and_degrees(written):
+    trajectory = read(written())
     np.testing.assert_allclose(trajectory.t, [0, 0.01, 0.03])
     np.testing.assert_array_equal(trajectory.q, [[0.1, 0.2], [0.3, 0.5], [0.6, 0.4]])
     np.testing.assert_array_equal(trajectory.qd, [[1, 2], [5, 6], [9, 8]])
     np.testing.assert_array_equal(trajectory.tau, [[3, 4], [7, 8], [7, 6]])
-    degrees = read(given(), degrees=True)
+    degrees = read(written(), degrees=True)
     np.testing.assert_allclose(degrees.q, np.deg2rad(trajectory.q))
     np.testing.assert_allclose(degrees.qd, np.deg2rad(trajectory.qd))
     np.testing.assert_array_equal(degrees.tau, trajectory.tau)
 
 
-def test_an_invalid_cell_after_many_rows_is_found(given):
+def test_an_invalid_cell_after_many_rows_is_found(written):
     rows = [f'{k / 100};{0.1 * (k % 7)};0.2;{k % 3}' for k in range(40_000)]
     rows[35_000] = '350;é;0.2;1'
-    path = given('\n'.join([MINIMAL.strip().replace(',', ';'), *rows]).replace('.', ','), encoding='latin-1')
+    path = written('\n'.join([MINIMAL.strip().replace(',', ';'), *rows]).replace('.', ','), encoding='latin-1')
     with pytest.raises(TableError, match=r"line 35002, column 'q1': 'é' is no finite number, as of 1 of 40000 rows"):
         read(path, decimal='comma')
     motion = read(path, decimal='comma', skip_missing=True)
@@ -73,8 +73,8 @@ def test_an_invalid_cell_after_many_rows_is_found(given):
         *((TEXT, encoding) for encoding in ('utf-8-sig', 'utf-16')),
     ],
 )
-def test_other_text_formats_are_read(given, text, encoding):
-    found, expected = read(given(text, encoding)), read(given())
+def test_other_text_formats_are_read(written, text, encoding):
+    found, expected = read(written(text, encoding)), read(written())
     for name in ('t', 'q', 'tau'):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
@@ -112,9 +112,9 @@ def test_other_text_formats_are_read(given, text, encoding):
         ),
     ],
 )
-def test_an_unusable_text_file_is_refused_in_one_sentence(given, text, sentence):
+def test_an_unusable_text_file_is_refused_in_one_sentence(written, text, sentence):
     with pytest.raises(TableError, match=sentence):
-        read(given(text))
+        read(written(text))
 
 
 @pytest.mark.parametrize(
@@ -126,9 +126,9 @@ def test_an_unusable_text_file_is_refused_in_one_sentence(given, text, sentence)
         ({'q1': 'q2'}, "column 'q2' stands for both q1 and q2"),
     ],
 )
-def test_invalid_column_names_are_refused_in_one_sentence(given, columns, sentence):
+def test_invalid_column_names_are_refused_in_one_sentence(written, columns, sentence):
     with pytest.raises(PendubotError, match=sentence):
-        read(given(), columns=columns)
+        read(written(), columns=columns)
 
 
 def opaque():
@@ -216,8 +216,8 @@ CURRENTS = {
 
 
 @pytest.mark.parametrize('name', CURRENTS)
-def test_a_current_is_not_accepted_as_a_torque(given, name):
-    path, columns, amperes = given(f't,q1,q2,{name}\n0,1,2,3\n0.01,1,2,4\n'), {'tau1': name}, CURRENTS[name]
+def test_a_current_is_not_accepted_as_a_torque(written, name):
+    path, columns, amperes = written(f't,q1,q2,{name}\n0,1,2,3\n0.01,1,2,4\n'), {'tau1': name}, CURRENTS[name]
     with pytest.raises(TableError, match=re.escape('--torque-constant K [N m/A], and --gear N')):
         read(path)
     with pytest.raises(TableError, match=f'a torque is expected: .* or --torque-constant {1 / amperes:g} if it is'):
@@ -230,15 +230,15 @@ def test_a_current_is_not_accepted_as_a_torque(given, name):
         np.testing.assert_allclose(motion.tau[:, 0], np.multiply(expected, [3, 4]), atol=1e-12)
 
 
-def test_an_unknown_unit_is_not_accepted_as_newton_metres(given):
-    path = given('t,q1,q2,tau1 [lbf ft]\n0,1,2,3\n0.01,1,2,4\n')
+def test_an_unknown_unit_is_not_accepted_as_newton_metres(written):
+    path = written('t,q1,q2,tau1 [lbf ft]\n0,1,2,3\n0.01,1,2,4\n')
     with pytest.raises(TableError, match=r"unit 'lbf ft' of the column 'tau1 .lbf ft.' is not known, and N m are"):
         read(path)
     np.testing.assert_allclose(read(path, torque_constant=1.3558).tau[:, 0], np.multiply(1.3558, [3, 4]))
 
 
-def test_a_current_by_a_row_of_units_is_not_accepted_as_a_torque(given):
-    path = given('t,q1,q2,tau1\ns,rad,rad,mA\n0,0,0,1\n0.01,0.1,0,2\n')
+def test_a_current_by_a_row_of_units_is_not_accepted_as_a_torque(written):
+    path = written('t,q1,q2,tau1\ns,rad,rad,mA\n0,0,0,1\n0.01,0.1,0,2\n')
     with pytest.raises(TableError, match='seems to hold a motor current'):
         read(path)
     np.testing.assert_allclose(read(path, torque_constant=2).tau[:, 0], [0.002, 0.004])
