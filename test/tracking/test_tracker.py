@@ -98,8 +98,8 @@ def test_a_payload_is_classified_and_estimated_within_two_seconds(rigs):
     assert change.begin <= AT <= change.end <= AT + 1
     assert set(change.steps) == {'P1', 'P2', 'P3', 'P4', 'P5'}
     after, before = truth(DAYS['payload'], [AT, 0])[:, :5]
-    for k, (step, error) in enumerate(change.steps.values()):
-        assert abs(step - (after - before)[k]) < 5 * error
+    for k, (step, std_error) in enumerate(change.steps.values()):
+        assert abs(step - (after - before)[k]) < 5 * std_error
     first = next(s for s in states if np.abs(s.theta[4] / after[4] - 1) < 0.02)
     assert first.t < AT + 2
     assert error(tracker.state, DAYS['payload'], AT) < 0.003
