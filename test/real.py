@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The real recordings that lie beside the project, if they do; a test that needs them is marked `recordings`."""
+"""Real recordings in a folder beside the project; tests that need them are marked `recordings`."""
 
 import csv
 
@@ -16,21 +16,21 @@ RIGS = 'dfki_C1_sysid', 'dfki_A0_sysid'
 
 
 def recorded(group, role):
-    """Return the motions of a rig's recordings, in the manifest's order."""
+    """Return the recorded motions of a rig, in the order of the manifest."""
     rows = csv.DictReader((RECORDINGS / 'manifest.csv').open())
     files = [row['file'] for row in rows if (row['group'], row['role']) == (group, role)]
     return [TableReader(RECORDINGS / file, Conversion()).motion for file in files]
 
 
-def strung(motions):
-    """Return the samples of motions one after the other, a second between any two, rows as the tracker takes them."""
-    joined, now = [], 0.0
+def concatenated(motions):
+    """Return the samples of motions one after the other, with gaps of 1 s, as rows for the tracker."""
+    parts, now = [], 0.0
     for motion in motions:
-        joined.append(np.column_stack([now + motion.t - motion.t[0], motion.q, motion.tau]))
-        now = joined[-1][-1, 0] + 1.0
-    return np.concatenate(joined)
+        parts.append(np.column_stack([now + motion.t - motion.t[0], motion.q, motion.tau]))
+        now = parts[-1][-1, 0] + 1.0
+    return np.concatenate(parts)
 
 
 def known(estimate):
-    """Return a start from an estimate, as from its file."""
+    """Return the start of tracking from an estimate, as from its result file."""
     return Start(estimate.model, estimate.theta, estimate.std_error, 2 * (estimate.effort.delay,))

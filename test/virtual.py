@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings of virtual rigs, to be identified again."""
+"""Simulated recordings of known rigs."""
 
 from dataclasses import replace
 
@@ -15,9 +15,8 @@ from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-#: A rig with geared motors, as heavy as an arm on a table; of it, every model has its part.
+#: A bench-top rig with geared motors; each model takes its leading parameters.
 GEARED = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
-
 
 #: The published parameters of a real rig with geared motors, and pulses that keep its motion chaotic.
 C1 = Parameters(0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.251, 0.188, 0.0026)
@@ -30,16 +29,16 @@ STIFF = Parameters(0.015, 0.0069, 0.0079, 0.124, 0.063, 0.017, 0.0058, 0.083, 0.
 def recording(
     samples=900, interval=0.01, *, seed=1, counts=4000, rig=PAPER, delay=0.0, strength=1.0, name=None, **pulses
 ):
-    """Return what is recorded of a rig that pulses move; ``delay`` [s], in whole ms, late on its recorded effort."""
+    """Return a recording of a rig under pulses; ``delay`` [s], in whole ms, is from recorded to acting effort."""
     t = np.arange(samples) * interval
     train = PulseTrain(seed=seed, amplitude_min=-strength, amplitude_max=strength, **pulses)
     tau = np.column_stack([[train.torque(x) for x in t], np.zeros(samples)])
     if delay:
-        every, early = round(interval * 1000), round(1000 * abs(delay))
-        fine = np.arange(-early, samples * every) * 1e-3
-        number = np.floor((fine - delay) / interval + 1e-6).astype(int)
-        acts = np.where((number >= 0)[:, None], tau[np.clip(number, 0, samples - 1)], 0.0)
-        moved = simulate(rig, fine, acts)[early::every]
+        every, lead = round(interval * 1000), round(1000 * abs(delay))
+        fine = np.arange(-lead, samples * every) * 1e-3
+        index = np.floor((fine - delay) / interval + 1e-6).astype(int)
+        acting = np.where((index >= 0)[:, None], tau[np.clip(index, 0, samples - 1)], 0.0)
+        moved = simulate(rig, fine, acting)[lead::every]
     else:
         moved = simulate(rig, t, tau)
     motion = replace(moved, t=t, tau=tau, name=name or f'virtual rig, seed {seed}')
@@ -47,16 +46,16 @@ def recording(
 
 
 def exact_motion(theta, samples=500, interval=0.004, *, seed=1, start=0.0, strength=1.0, delay=0):
-    """Return a motion in which nothing errs: simulated with the step with which it is explained, velocities known.
+    """Return a motion without errors: simulated with the integration step of its analysis, with exact velocities.
 
     Args:
         theta: of the rig, shape (D,).
-        samples: how many.
-        interval: between two [s].
-        seed: of the torques, which take a new random value at every sample, and of the initial state.
+        samples: number of samples.
+        interval: time between samples [s].
+        seed: of the torques, random at every sample, and of the initial state.
         start: time of the first sample [s].
-        strength: of the torques [N m].
-        delay: how many samples before the motion its effort is recorded.
+        strength: largest torque [N m].
+        delay: of the motion behind the recorded effort [samples].
     """
     rng = np.random.default_rng(seed)
     tau = strength * rng.uniform(-1, 1, (samples + 2 * abs(delay), 2))
@@ -70,5 +69,5 @@ def exact_motion(theta, samples=500, interval=0.004, *, seed=1, start=0.0, stren
 
 
 def vector(model):
-    """Return the geared rig's parameters, as many as a model has."""
+    """Return the parameters of the geared rig for a model."""
     return GEARED[: MODELS[model]].copy()

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Likelihoods of simulated rigs, where to start and the bounds."""
+"""Likelihoods of simulated rigs, with start and bounds."""
 
 import numpy as np
 
@@ -10,21 +10,21 @@ from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.trajectories.motion import Motion
 from test.virtual import C1, CHAOTIC, recording
 
-#: Of a rig with geared motors, P in the order of theta.
+#: Parameters of a rig with geared motors.
 TRUE = C1.vector('geared')
 
 
 def motions(seeds=(1, 2), samples=1000, smoothing=0.05, **options):
-    """Return recordings of the geared rig, of 5 ms a sample."""
-    made = {'interval': 0.005, **CHAOTIC, **options}
-    return [Motion.prepare(recording(samples, seed=seed, **made), smoothing) for seed in seeds]
+    """Return recordings of the geared rig, by default sampled every 5 ms."""
+    options = {'interval': 0.005, **CHAOTIC, **options}
+    return [Motion.prepare(recording(samples, seed=seed, **options), smoothing) for seed in seeds]
 
 
-def likelihood(moved, theta=TRUE, effects=(), **settings):
-    """Return the likelihood of recordings, a start with this theta, and bounds."""
-    filter_data = FilterData.of(moved, LikelihoodSettings(**settings))
-    torque = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in moved]) ** 2, axis=0)).max()
-    speed = max(m.states(m.recorded.t)[2:].std() for m in moved)
+def likelihood(prepared, theta=TRUE, effects=(), **settings):
+    """Return the likelihood of recordings, a start with this theta, and lower and upper bounds."""
+    filter_data = FilterData.of(prepared, LikelihoodSettings(**settings))
+    torque = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in prepared]) ** 2, axis=0)).max()
+    speed = max(m.states(m.recorded.t)[2:].std() for m in prepared)
     inertia, weight = theta[:2].sum(), theta[3:5].sum()
     own = [inertia] * 3 + [weight] * 2 + [torque / speed] * 2 + [torque] * 2 + [inertia] + [torque] * 2 + [1, 1]
     extra = [

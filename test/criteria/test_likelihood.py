@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The composite innovations likelihood: its slopes, its blocks of time, and where it is least."""
+"""The composite innovations likelihood: its slopes, its blocks of time and its minimum."""
 
 import math
 from dataclasses import replace
@@ -27,11 +27,11 @@ from test.virtual import C1, CHAOTIC, recording
 
 
 def scaled(motion, own):
-    """Return the motion under torques that are larger by a fraction."""
+    """Return the motion with its torques increased by a fraction."""
     return replace(motion, impulse=PPoly(motion.impulse.c * (1 + own[0]), motion.impulse.x))
 
 
-#: A torque, a change of the recorded torque, and the width of the shoulder's dry friction.
+#: An additional torque, a scale of the recorded torque, and the width of the shoulder's dry friction.
 EFFECTS = (
     Extension((Unknown(0.01, -1.0, 1.0, 0.003),), (Term(TermKind.DRAG, 1),)),
     Extension((Unknown(0.1, -0.5, 0.5, 0.02),), shape=scaled),
@@ -40,28 +40,28 @@ EFFECTS = (
 
 
 @pytest.fixture(scope='module')
-def moved():
+def prepared():
     return motions()
 
 
 @pytest.mark.parametrize('freedom', [12.0, math.inf])
 @pytest.mark.parametrize('effects', [(), EFFECTS], ids=['model', 'effects'])
-def test_slopes_are_the_differences_of_costs(moved, effects, freedom):
-    like, x, *_ = likelihood(moved, 1.02 * TRUE + 0.01, effects, freedom=freedom, intervals=(0.05, 0.2))
+def test_slopes_agree_with_finite_differences_of_the_costs(prepared, effects, freedom):
+    like, x, *_ = likelihood(prepared, 1.02 * TRUE + 0.01, effects, freedom=freedom, intervals=(0.05, 0.2))
     x[14:SHARED] = 0.002, 0.001, -0.002
     free = np.ones(like.size, dtype=bool)
     evaluation = like.evaluate(x, free)
     np.testing.assert_allclose(evaluation.costs, like.costs(x))
     steps = 1e-4 * np.append(like.scale, np.ones(4 * like.levels))
     expected = [(like.costs(x + d) - like.costs(x - d)) / (2 * abs(d).sum()) for d in np.diag(steps)]
-    # Of the likelihood's own size: what changes J by 1 where only the curvature counts.
+    # Scaled by the square root of the curvature.
     size = np.sqrt(np.diagonal(evaluation.informations.sum(axis=0)))
-    size = np.where(size > 0, size, 1.0)  # Nothing tells of k2 without a torque at the elbow.
+    size = np.where(size > 0, size, 1.0)  # k2 has no information without a torque at the elbow.
     np.testing.assert_allclose(evaluation.slopes / size, np.transpose(expected) / size, rtol=2e-3, atol=2e-2)
 
 
-def test_unknowns_that_are_not_free_have_no_slope(moved):
-    like, x, *_ = likelihood(moved, intervals=(0.1,))
+def test_fixed_unknowns_have_no_slope(prepared):
+    like, x, *_ = likelihood(prepared, intervals=(0.1,))
     free = np.ones(like.size, dtype=bool)
     free[[3, 14]] = False
     all_free, some = like.evaluate(x, np.ones(like.size, dtype=bool)), like.evaluate(x, free)
@@ -69,9 +69,9 @@ def test_unknowns_that_are_not_free_have_no_slope(moved):
     np.testing.assert_allclose(some.slopes[:, free], all_free.slopes[:, free], rtol=1e-6, atol=1e-6)
 
 
-def test_the_information_of_the_noise_is_fishers(moved):
-    """Of Gaussian innovations: the sum of de^2 / s + (ds / s)^2 / 2, where de and ds are their derivatives."""
-    like, x, lower, upper = likelihood(moved, intervals=(0.05,), freedom=math.inf)
+def test_the_information_of_the_noise_is_the_fisher_information(prepared):
+    """For Gaussian innovations e of variance s it is the sum of de^2 / s + (ds / s)^2 / 2."""
+    like, x, lower, upper = likelihood(prepared, intervals=(0.05,), freedom=math.inf)
     found = fit(like, x, lower, upper)
     e, s = like.innovations(found.x)
     noise = like.shared + np.arange(2, 4)
@@ -86,9 +86,9 @@ def test_the_information_of_the_noise_is_fishers(moved):
         assert found.evaluation.informations.sum(axis=0)[k, k] == pytest.approx(expected, rel=1e-3)
 
 
-def test_blocks_add_up_to_the_whole(moved):
-    like, x, *_ = likelihood(moved)
-    whole, *_ = likelihood(moved, block=math.inf)
+def test_blocks_add_up_to_the_likelihood_of_the_recordings(prepared):
+    like, x, *_ = likelihood(prepared)
+    whole, *_ = likelihood(prepared, block=math.inf)
     assert len(like.filter_data.owner) == 10
     assert len(whole.filter_data.owner) == 2
     np.testing.assert_array_equal(like.filter_data.owner, np.repeat([0, 1], 5))
@@ -97,15 +97,15 @@ def test_blocks_add_up_to_the_whole(moved):
     for name in ('costs', 'slopes', 'informations'):
         part, total = getattr(parts, name), getattr(sums, name)
         np.testing.assert_allclose(part.reshape(2, 5, *part.shape[1:]).sum(axis=1), total, rtol=1e-9, atol=1e-6)
-    alone = [likelihood([m])[0] for m in moved]
+    alone = [likelihood([m])[0] for m in prepared]
     quantization = [a.filter_data.quantization for a in alone]
     np.testing.assert_allclose(quantization, [like.filter_data.quantization] * 2)
     for k, one in enumerate(alone):
         np.testing.assert_allclose(one.costs(x), parts.costs[like.filter_data.owner == k], rtol=1e-9)
 
 
-def test_the_prior_holds_the_offsets(moved):
-    like, x, *_ = likelihood(moved, intervals=(0.2,))
+def test_the_prior_penalises_the_offsets(prepared):
+    like, x, *_ = likelihood(prepared, intervals=(0.2,))
     x[15:17] = 0.005, -0.01
     assert like.prior(x) == pytest.approx(0.5 * (1 + 4))
     evaluation = like.evaluate(x, np.ones(like.size, dtype=bool))
@@ -116,9 +116,9 @@ def test_the_prior_holds_the_offsets(moved):
     assert information[15, 15] - evaluation.informations.sum(axis=0)[15, 15] == pytest.approx(1 / 0.005**2)
 
 
-def test_a_rig_is_found_from_a_start_that_is_far_off(moved):
+def test_the_fit_converges_from_a_start_with_errors_of_30_percent(prepared):
     start = TRUE * np.where(np.arange(14) % 2, 0.7, 1.3)
-    like, x, lower, upper = likelihood(moved, start)
+    like, x, lower, upper = likelihood(prepared, start)
     costs = []
     found = fit(like, x, lower, upper, iterations=60, progress=costs.append)
     assert found.converged
@@ -129,7 +129,7 @@ def test_a_rig_is_found_from_a_start_that_is_far_off(moved):
     assert found.cost == pytest.approx(like.costs(found.x).sum() + like.prior(found.x))
 
 
-def test_a_delay_and_offsets_are_found():
+def test_a_delay_and_offsets_are_estimated():
     late = motions(delay=0.008)
     late = [Motion.prepare(replace(m.recorded, q=m.recorded.q + np.array([0.004, -0.006])), 0.05) for m in late]
     found = fit(*likelihood(late, 0.9 * TRUE), iterations=60)
@@ -138,8 +138,7 @@ def test_a_delay_and_offsets_are_found():
     np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=3e-3)
 
 
-def test_white_torque_noise_is_measured():
-    """What each interval leaves to torque noise is the intensity of the noise that acts."""
+def test_the_intensity_of_white_torque_noise_is_estimated_at_each_interval():
     rng = np.random.default_rng(5)
     sigma, interval = 0.02, 0.005
     noisy = []
@@ -154,8 +153,8 @@ def test_white_torque_noise_is_measured():
     np.testing.assert_allclose(intensities, sigma, rtol=0.4)
 
 
-def test_bounds_are_kept(moved):
-    like, x, lower, upper = likelihood(moved, 0.9 * TRUE, intervals=(0.1,))
+def test_bounds_are_kept(prepared):
+    like, x, lower, upper = likelihood(prepared, 0.9 * TRUE, intervals=(0.1,))
     upper[0] = 0.97 * TRUE[0]
     lower[3] = upper[3] = 1.02 * TRUE[3]
     found = fit(like, x, lower, upper)
@@ -163,35 +162,34 @@ def test_bounds_are_kept(moved):
     assert found.x[3] == upper[3]
     assert not found.free[[0, 3]].any()
     assert found.free[[1, 2, 4]].all()
-    assert (found.x >= lower).all()
-    assert (found.x <= upper).all()
+    assert ((lower <= found.x) & (found.x <= upper)).all()
     assert found.x[2] ** 2 < found.x[0] * found.x[1]
 
 
-def test_without_information_there_is_no_step():
+def test_the_step_is_zero_without_information():
     zero = np.zeros(2)
     step, gain = bounded_step(np.zeros((2, 2)), zero, 1e-3, zero - 1, zero + 1, np.ones(2, dtype=bool))
     assert (step == 0).all()
     assert gain == 0
 
 
-def test_a_start_at_which_the_mass_matrix_is_singular_is_no_trap(moved):
-    like, x, lower, upper = likelihood(moved, intervals=(0.1,))
+def test_the_fit_converges_from_an_indefinite_mass_matrix(prepared):
+    like, x, lower, upper = likelihood(prepared, intervals=(0.1,))
     inside = fit(like, x, lower, upper)
     x[:3] = 0.7 * TRUE[0], 0.7 * TRUE[1], 2 * TRUE[2]
     found = fit(like, x, lower, upper, 60)
     np.testing.assert_allclose(found.x[:5], inside.x[:5], rtol=0.01)
 
 
-def test_a_start_that_cannot_be_followed_is_refused(moved):
-    like, x, lower, upper = likelihood(moved, intervals=(0.1,))
+def test_a_start_at_which_the_filter_diverges_is_refused(prepared):
+    like, x, lower, upper = likelihood(prepared, intervals=(0.1,))
     x[5], upper[5] = 1e6, math.inf
     with pytest.raises(FloatingPointError):
         fit(like, x, lower, upper)
 
 
 def test_samples_at_rest_have_no_weight():
-    """The rig hangs for two seconds before it moves."""
+    """The rig hangs at rest for 2 s before it moves."""
     moving = recording(600, 0.005, seed=1, **CHAOTIC).tau
     t = np.arange(1000) * 0.005
     tau = np.concatenate([np.zeros((400, 2)), moving])
@@ -208,8 +206,8 @@ def test_samples_at_rest_have_no_weight():
     assert evaluation.costs[-1] != 0.0
 
 
-def test_a_hole_is_a_longer_step(moved):
-    whole = moved[0].recorded
+def test_missing_samples_lengthen_the_step_of_the_filter(prepared):
+    whole = prepared[0].recorded
     kept = ~((whole.t > 2.0) & (whole.t < 2.09)) & (np.arange(len(whole.t)) % 41 != 40)
     holed = Motion.prepare(whole[kept], 0.05)
     filter_data = FilterData.of([holed])
@@ -222,14 +220,14 @@ def test_a_hole_is_a_longer_step(moved):
         assert np.diff(t).max() >= 0.09 - 1e-9
         assert (filter_data.samples.row[g] >= 0).sum() == len(t) - 1
         np.testing.assert_allclose(filter_data.samples.h[g].sum(), t[-1] - t[0])
-    found = fit(*likelihood([holed, moved[1]], 0.9 * TRUE), iterations=60)
+    found = fit(*likelihood([holed, prepared[1]], 0.9 * TRUE), iterations=60)
     np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=1e-3)
 
 
 @pytest.mark.parametrize('interval', [0.033, 0.002, 0.09])
-def test_every_interval_reads_samples_that_are_about_as_far_apart(interval):
-    moved = motions(samples=round(4 / interval), interval=interval, seeds=(1,))
-    filter_data = FilterData.of(moved)
+def test_each_filter_uses_samples_at_about_its_interval(interval):
+    prepared = motions(samples=round(4 / interval), interval=interval, seeds=(1,))
+    filter_data = FilterData.of(prepared)
     assert np.bincount(filter_data.samples.level, minlength=3).tolist() == [1, 1, 1]
     for wanted, edges, rows in zip(filter_data.settings.intervals, filter_data.edges, filter_data.rows, strict=True):
         apart = np.diff(np.append(edges[0], filter_data.t[rows]))

@@ -21,7 +21,7 @@ def problem(seed, n=60):
 
 
 @given(st.integers(0, 10**6), st.lists(st.integers(1, 59), max_size=4))
-def test_reduced_pooled_turned_and_scaled_it_is_the_same_criterion(seed, cuts):
+def test_reduced_pooled_projected_and_scaled_criteria_have_the_same_values(seed, cuts):
     phi, y = problem(seed)
     rows = np.split(np.arange(60), sorted(set(cuts)))
     J = Quadratic.pool([Quadratic.reduce(phi[r], y[r]) for r in rows])
@@ -35,7 +35,7 @@ def test_reduced_pooled_turned_and_scaled_it_is_the_same_criterion(seed, cuts):
 
 
 def coupled(seed, noise=1.0, size=5):
-    """A problem whose answer in the box has, as often as not, too large a P3; columns of many sizes, and mixed."""
+    """Return an ill-scaled problem and bounds; its minimum within them often has an indefinite mass matrix."""
     rng = np.random.default_rng(seed)
     phi = rng.normal(size=(40, size)) @ (np.eye(size) + 0.5 * rng.normal(size=(size, size)))
     phi *= 10 ** rng.uniform(-2, 2, size)
@@ -50,11 +50,10 @@ def coupled(seed, noise=1.0, size=5):
 
 @settings(max_examples=40)
 @given(st.integers(0, 10**6))
-def test_with_a_mass_matrix_the_minimum_is_what_a_general_optimiser_finds_in_the_cone(seed):
+def test_the_minimum_with_a_definite_mass_matrix_is_no_worse_than_that_of_slsqp(seed):
     J, bounds = coupled(seed)
     found = J.minimum(bounds)
-    assert (found >= bounds.lower).all()
-    assert (found <= bounds.upper).all()
+    assert ((bounds.lower <= found) & (found <= bounds.upper)).all()
     assert abs(found[2]) <= LARGEST_COUPLING * np.sqrt(found[0] * found[1]) * (1 + 1e-9)
     scale = bounds.upper - bounds.lower
 
@@ -74,14 +73,14 @@ def test_with_a_mass_matrix_the_minimum_is_what_a_general_optimiser_finds_in_the
             assert float(J(found)) <= float(J(np.clip(other.x * scale, bounds.lower, bounds.upper))) * (1 + 1e-8)
 
 
-def test_bounds_that_leave_no_mass_matrix_are_refused():
+def test_bounds_that_exclude_every_definite_mass_matrix_are_refused():
     J, _ = coupled(1, size=3)
     bounds = Bounds(np.array([0.0, 0.0, 0.5]), np.array([0.1, 0.1, 1.0]), PHYSICAL[:3])
     with pytest.raises(ParameterError, match=r'P1 and P2 are at most 0\.1 and 0\.1, which excludes P3'):
         J.minimum(bounds)
 
 
-def test_undetermined_parameters_are_named():
+def test_undetermined_parameters_are_detected():
     phi, y = problem(1)
     phi[:, 2] = 3 * phi[:, 1]
     assert Quadratic.reduce(phi, y).undetermined(1e-6).tolist() == [False, True, True]

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The weak criterion against simulated motions, inverse dynamics integrated on their own, and real rigs."""
+"""The weak criterion on simulated motions and real rigs, and compared with integrated inverse dynamics."""
 
 import numpy as np
 import pytest
@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import MODELS, PAPER, Parameters, default_bounds
-from pendubot_identification.model.simulation import quantised, simulate
+from pendubot_identification.model.simulation import simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.real import recorded
@@ -28,13 +27,6 @@ PUBLISHED = {
 }
 
 
-def pulses(rate=100, seed=1, duration=9.0):
-    """The paper's experiment on the virtual rig."""
-    t = np.arange(int(duration * rate)) / rate
-    tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
-    return quantised(simulate(PAPER, t, tau), 4000)
-
-
 def estimate(motions, model, delay=0.0):
     bounds = default_bounds().of(MODELS[model])
     weights = residual_weights([weak_regression(m, model, delay) for m in motions], bounds)
@@ -43,7 +35,7 @@ def estimate(motions, model, delay=0.0):
 
 
 @pytest.mark.parametrize('model', MODELS)
-def test_fine_sampling_without_noise_leads_to_the_truth(model):
+def test_finely_sampled_exact_motions_give_the_true_parameters(model):
     parameters = Parameters.from_vector(GEARED[: MODELS[model]])
     t = np.arange(4000) / 500
     tau = [1.2 * np.sin(3 * t) + 0.8 * np.sin(7.3 * t + 1), 0.6 * np.sin(5 * t) + 0.5 * np.cos(2.1 * t)]
@@ -53,36 +45,36 @@ def test_fine_sampling_without_noise_leads_to_the_truth(model):
 
 
 def smooth_motion(amplitude, frequency, phase, t):
-    """Positions, velocities and accelerations in closed form."""
+    """Return positions, velocities and accelerations in closed form."""
     angle = t[:, None] * frequency + phase
     return amplitude * np.sin(angle), amplitude * frequency * np.cos(angle), -amplitude * frequency**2 * np.sin(angle)
 
 
 @settings(max_examples=20)
 @given(physical_parameters(), st.integers(0, 10**6))
-def test_residuals_are_missing_torque_and_power_averaged_under_a_test_function(parameters, seed):
-    """Independently: M(q) times what lacks in the accelerations, integrated against (1 - x^2)^3."""
+def test_residuals_are_weighted_averages_of_residual_torque_and_power(parameters, seed):
+    """Residual torque is M(q) times the error of the acceleration; the test function is (1 - x^2)^3."""
     rng = np.random.default_rng(seed)
     t = np.arange(801) / 1000
     q, qd, qdd = smooth_motion(rng.uniform(0.3, 2, 2), rng.uniform(2, 6, 2), rng.uniform(0, 6, 2), t)
     tau = rng.normal(size=2) + rng.normal(size=2) * np.sin(9 * t[:, None])
     model, theta = parameters.model, parameters.vector()
     regression = weak_regression(Motion.prepare(Trajectory(t, q, tau), 0.0, 'linear'), model)
-    unmoved = forward_dynamics(theta, q, qd, tau) - qdd
-    missing = np.array([mass_matrix(theta, place) @ a for place, a in zip(q, unmoved, strict=True)])
-    missing = np.column_stack([missing, (missing * qd).sum(axis=1)])
+    errors = forward_dynamics(theta, q, qd, tau) - qdd
+    torques = np.array([mass_matrix(theta, angles) @ a for angles, a in zip(q, errors, strict=True)])
+    torques = np.column_stack([torques, (torques * qd).sum(axis=1)])
     x = (t - regression.t[::3, None]) / (WIDTH / 2)
     test_functions = np.where(np.abs(x) < 1, (1 - np.minimum(x**2, 1)) ** 3, 0)
-    expected = test_functions @ missing / test_functions.sum(axis=1, keepdims=True)
+    expected = test_functions @ torques / test_functions.sum(axis=1, keepdims=True)
     residual = (regression.y - regression.phi @ theta).reshape(-1, 3)
-    scale = np.abs(np.column_stack([tau, (tau * qd).sum(axis=1)])).max() + np.abs(missing).max()
+    scale = np.abs(np.column_stack([tau, (tau * qd).sum(axis=1)])).max() + np.abs(torques).max()
     np.testing.assert_allclose(residual, expected, atol=2e-3 * scale)
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 10**6), st.floats(-0.02, 0.02), st.sampled_from([0.0, 0.3]))
-def test_every_pulse_counts_once_whatever_jitter_and_delay(seed, delay, jitter):
-    """Bumps side by side are level: together they make of a pulse its impulse, and of its work its work."""
+def test_every_pulse_counts_once_despite_jitter_and_delay(seed, delay, jitter):
+    """The test functions add up to a constant; the residuals add up to the impulse and the work of the pulses."""
     rng = np.random.default_rng(seed)
     t = np.arange(150) * 0.01 + rng.uniform(-jitter, jitter, 150) * 0.01
     tau = np.zeros((150, 2))
@@ -96,8 +88,8 @@ def test_every_pulse_counts_once_whatever_jitter_and_delay(seed, delay, jitter):
     np.testing.assert_allclose(total, [*impulse, impulse @ [2, -3]], atol=2e-4)
 
 
-def test_weighted_residuals_have_one_size():
-    motion, bounds = Motion.prepare(pulses(), 0.02), default_bounds().of(7)
+def test_weighted_residuals_have_equal_RMS():
+    motion, bounds = Motion.prepare(recording(), 0.02), default_bounds().of(7)
     weights = residual_weights([weak_regression(motion, 'viscous')], bounds)
     parts = weak_regression(motion, 'viscous', weights=weights)
     theta = Quadratic.reduce(parts.phi, parts.y).minimum(bounds)
@@ -107,15 +99,15 @@ def test_weighted_residuals_have_one_size():
 
 
 @pytest.mark.parametrize(('rate', 'delay'), [(100, 0.02), (200, -0.002), (500, 0.001)])
-def test_a_delay_of_a_millisecond_is_found_and_does_not_bend_the_answer(rate, delay):
+def test_a_small_delay_is_estimated_and_does_not_bias_the_parameters(rate, delay):
     motion = Motion.prepare(recording(9 * rate, 1 / rate, delay=delay), 0.02)
     found = estimate_delay([motion], 'viscous', default_bounds())
     assert found == pytest.approx(delay, abs=4e-4)
     np.testing.assert_allclose(estimate([motion], 'viscous', found), PAPER.vector(), rtol=0.03)
 
 
-def test_a_motion_shorter_than_a_test_function_or_faster_than_a_rig_is_refused():
-    short = pulses().window(0, 0.6)
+def test_a_motion_that_is_too_short_or_in_degrees_is_refused():
+    short = recording().window(0, 0.6)
     with pytest.raises(TrajectoryError, match=r'0\.190 s with known torque are shorter than the test function'):
         weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.4)
     degrees = Trajectory(short.t, np.rad2deg(np.column_stack([9 * short.t, short.t])), short.tau)
@@ -125,7 +117,7 @@ def test_a_motion_shorter_than_a_test_function_or_faster_than_a_rig_is_refused()
 
 @pytest.mark.recordings
 @pytest.mark.parametrize('rig', PUBLISHED)
-def test_real_rigs_are_as_published(rig):
+def test_real_rigs_have_about_their_published_parameters(rig):
     motions = [Motion.prepare(t, 0.02, 'linear') for t in recorded(rig, 'train')]
     delay = estimate_delay(motions, 'geared', default_bounds())
     assert abs(delay) < 0.005

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The design of an excitation, against derivatives taken by simulating, and against the limits that it was given."""
+"""The design of an excitation: predicted standard errors, and limits."""
 
 import math
 
@@ -22,20 +22,20 @@ def paper_pulses(torque):
     return PulseTrain(amplitude_min=-torque, amplitude_max=torque)
 
 
-def moving(parameters, train, experiment, *start):
-    """Return the motion of the virtual rig."""
+def simulated(parameters, train, experiment, *start):
+    """Return the simulated motion of a rig."""
     t = np.arange(round(experiment.duration / experiment.interval)) * experiment.interval
     return simulate(parameters, t, np.column_stack([train.torques(t), np.zeros(len(t))]), *start)
 
 
 def expected_errors(parameters, train, experiment):
-    """Standard errors by central differences of the virtual rig itself, for a motion of a single segment."""
+    """Return standard errors by central differences of simulated motions."""
     theta = parameters.vector()
 
     def motion(change):
         p = Parameters.from_vector(theta * (1 + change[5:]))
-        moved = moving(p, train, experiment, tuple(HANGING + change[:2]), tuple(change[2:4]))
-        return moved.q - change[4] * moved.qd
+        result = simulated(p, train, experiment, tuple(HANGING + change[:2]), tuple(change[2:4]))
+        return result.q - change[4] * result.qd
 
     size = 5 + len(theta)
     step = 1e-4
@@ -46,17 +46,17 @@ def expected_errors(parameters, train, experiment):
 
 
 @pytest.mark.parametrize('interval', [0.01, 0.004])
-def test_predicts_the_standard_errors_that_simulated_differences_give(interval):
+def test_predicted_standard_errors_agree_with_finite_differences_of_simulations(interval):
     experiment = Experiment(duration=2.0, interval=interval)
     train = PulseTrain(period=0.5, width=0.2, amplitude_min=-0.6, amplitude_max=0.6, hold=0.05, seed=3)
     (found,) = predict(PAPER, [train], experiment)
     np.testing.assert_allclose(found.std_error, expected_errors(PAPER, train, experiment), rtol=0.03)
-    moved = moving(PAPER, train, experiment)
-    np.testing.assert_allclose(found.speed, np.abs(moved.qd).max(axis=0), rtol=0.03)
-    np.testing.assert_allclose(found.angle, np.abs(moved.q - HANGING).max(axis=0), rtol=0.01)
+    motion = simulated(PAPER, train, experiment)
+    np.testing.assert_allclose(found.speed, np.abs(motion.qd).max(axis=0), rtol=0.03)
+    np.testing.assert_allclose(found.angle, np.abs(motion.q - HANGING).max(axis=0), rtol=0.01)
 
 
-def test_twice_the_counts_halve_the_errors_and_what_does_not_move_tells_nothing():
+def test_standard_errors_are_proportional_to_the_encoder_step_and_huge_without_motion():
     train = paper_pulses(1.0)
     coarse, fine = (predict(PAPER, [train], Experiment(2.0, 0.01, n))[0] for n in (4000, 8000))
     np.testing.assert_allclose(coarse.std_error, 2 * fine.std_error, rtol=1e-6)
@@ -64,37 +64,37 @@ def test_twice_the_counts_halve_the_errors_and_what_does_not_move_tells_nothing(
     assert not (still.std_error < 1000 * coarse.std_error).any()
 
 
-def test_a_design_tells_more_than_the_papers_pulses_and_keeps_the_limits():
+def test_a_design_is_more_informative_than_the_papers_pulses_and_keeps_the_limits():
     limits = Limits(torque=0.8, speed=18.0, angle=(2.0, 5.0))
-    seen = []
-    found = design(PAPER, limits, SHORT, generations=3, progress=lambda *a: seen.append(a))
+    reports = []
+    found = design(PAPER, limits, SHORT, generations=3, progress=lambda *report: reports.append(report))
     (paper,) = predict(PAPER, [paper_pulses(0.8)], SHORT)
     assert found.log_information > paper.log_information
     assert max(-found.train.amplitude_min, found.train.amplitude_max) <= 0.8
-    moved = moving(PAPER, found.train, SHORT)
-    assert np.abs(moved.qd).max() <= 18.0
-    assert (np.abs(moved.q - HANGING).max(axis=0) <= (2.0, 5.0)).all()
-    assert sorted({done for done, _ in seen}) == [1, 2, 3]
-    assert np.diff([best for _, best in seen]).min() >= 0
+    motion = simulated(PAPER, found.train, SHORT)
+    assert np.abs(motion.qd).max() <= 18.0
+    assert (np.abs(motion.q - HANGING).max(axis=0) <= (2.0, 5.0)).all()
+    assert sorted({done for done, _ in reports}) == [1, 2, 3]
+    assert np.diff([best for _, best in reports]).min() >= 0
     assert design(PAPER, limits, SHORT, generations=3).train == found.train, 'same seed, same design'
 
 
-def test_designs_for_a_rig_with_dry_friction_and_a_rotor():
+def test_a_rig_with_dry_friction_and_a_rotor_gets_a_design():
     rig = Parameters.from_vector(GEARED)
     experiment = Experiment(duration=1.0, interval=0.01)
     found = design(rig, Limits(torque=4.0, speed=25.0), experiment, generations=1)
     assert np.isfinite(found.std_error[:-1]).all()
-    assert np.isinf(found.std_error[-1]), 'no torque at the elbow, so nothing of k2'
+    assert np.isinf(found.std_error[-1]), 'k2 is not identifiable without a torque at the elbow'
     assert found.speed.max() <= 25.0
 
 
 @pytest.mark.parametrize('limits', [{'speed': 0.0}, {'angle': (-1.0, 1.0)}, {'torque': math.nan}])
-def test_a_limit_is_a_number_above_0(limits):
+def test_a_limit_must_be_a_number_above_0(limits):
     with pytest.raises(ParameterError, match=f'limit of the {next(iter(limits))} is'):
         Limits(**limits)
 
 
-def test_refuses_what_makes_no_sense():
+def test_limits_without_a_feasible_design_and_unphysical_rigs_are_refused():
     with pytest.raises(ExcitationError, match='allow a greater speed or angle'):
         design(PAPER, Limits(torque=1.0, speed=1e-3), SHORT, generations=2)
     with pytest.raises(ParameterError, match='no rig moves like this'):
@@ -102,16 +102,19 @@ def test_refuses_what_makes_no_sense():
 
 
 @pytest.mark.filterwarnings('error')
-def test_torques_that_throw_the_rig_out_of_all_floats_are_no_design_and_no_warning():
+def test_torques_that_make_every_simulation_diverge_give_an_error_without_a_warning():
     limits = Limits(torque=1e4, speed=1e5)
     assert limits.used(np.full(2, np.inf), np.full(2, np.inf)) == np.inf
     with pytest.raises(ExcitationError, match='no pulses up to 10000 N m were found'):
         design(PAPER, limits, Experiment(), generations=1)
 
 
-def test_pulses_begin_with_each_period_and_hold_each_torque():
-    train = PulseTrain(period=0.5, width=0.1, amplitude_min=-0.5, amplitude_max=1.0, hold=0.02, seed=3)
-    torques = train.torques(np.arange(-10, 150) * 0.01)
+def test_pulses_begin_with_each_period_hold_each_torque_and_are_reproducible():
+    options = {'period': 0.5, 'width': 0.1, 'amplitude_min': -0.5, 'amplitude_max': 1.0, 'hold': 0.02, 'seed': 3}
+    train, t = PulseTrain(**options), np.arange(-10, 150) * 0.01
+    torques = train.torques(t)
+    np.testing.assert_array_equal(torques, [PulseTrain(**options).torque(x) for x in t])
+    assert ((torques >= -0.5) & (torques <= 1.0)).all()
     assert not torques[:10].any(), 'before the start'
     pulses = torques[10:].reshape(3, 50)
     assert (pulses[:, :5] != 0).all()

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Exported rigs in MuJoCo: they move as our equations say. ``benchmarks.exports`` has other engines, too."""
+"""Exported rigs in MuJoCo, compared with the package's equations of motion; see ``benchmarks.exports``, too."""
 
 from dataclasses import replace
 
@@ -15,34 +15,34 @@ from pendubot_identification.model.parameters import BALANCE, MODELS, Parameters
 from pendubot_identification.model.rollout import roll
 
 RIGS, STEP, STEPS = 10, 0.002, 500
-#: Of the accelerations' factors, relative to their largest; of the states [rad, rad/s] within a second.
-CLOSE = 1e-6
+#: Largest difference of mass matrix and bias, relative, and of the states within a second [rad, rad/s].
+TOLERANCE = 1e-6
 
 
 def links(rng):
-    """A link of a bench-top rig: its length [m], mass [kg], centre [m], inertia [kg m^2]."""
+    """Return length [m], mass [kg], centre of mass [m] and inertia [kg m^2] of a random link of a bench-top rig."""
     length, mass = rng.uniform(0.08, 0.5), rng.uniform(0.05, 1.5)
     return length, mass, length * rng.uniform(0.2, 1.1), mass * (length * rng.uniform(0.15, 0.5)) ** 2
 
 
 def thetas(model, count):
-    """Vectors of random links of that model, shape (count, D)."""
-    rng, found = np.random.default_rng(1), []
+    """Return parameter vectors of random rigs, shape (count, D)."""
+    rng, vectors = np.random.default_rng(1), []
     for _ in range(count):
         (l1, m1, d1, I1), (_, m2, d2, I2) = links(rng), links(rng)
         P = [m1 * d1**2 + m2 * l1**2 + I1, m2 * d2**2 + I2, m2 * l1 * d2, m1 * d1 + m2 * l1, m2 * d2]
         friction = rng.uniform(0, [0.02, 0.005, 0.05, 0.01, 0.2 * P[1], 0.02, 0.005, 0.1, 0.0])
-        found.append([*P, *friction][: MODELS[model]])
-    return np.array(found)
+        vectors.append([*P, *friction][: MODELS[model]])
+    return np.array(vectors)
 
 
 def states(rng):
-    """A configuration [rad], velocities [rad/s], and torques [N m]."""
+    """Return random positions [rad], velocities [rad/s] and torques [N m]."""
     return rng.uniform(-4, 4, 2), rng.uniform(-4, 4, 2), np.array([rng.uniform(-0.5, 0.5), 0.0])
 
 
 class Mujoco:
-    """A file in MuJoCo: mass matrix, bias, and a second of motion by its own integrator."""
+    """An exported file in MuJoCo: mass matrix, bias, and a second of motion by MuJoCo's integrator."""
 
     def __init__(self, text, parameters):
         self.engine = pytest.importorskip('mujoco')
@@ -51,7 +51,7 @@ class Mujoco:
         np.testing.assert_array_equal(model.dof_damping, [p.b1, p.b2])
         np.testing.assert_array_equal(model.dof_frictionloss, [p.Fc1, p.Fc2])
         model.dof_frictionloss = 0.0
-        if '<mujoco' not in text:  # what a URDF cannot say
+        if '<mujoco' not in text:  # URDF has no such entries
             model.dof_armature, model.opt.integrator = [0.0, p.J2], self.engine.mjtIntegrator.mjINT_RK4
         self.data = self.engine.MjData(model)
 
@@ -69,23 +69,23 @@ class Mujoco:
         for _ in range(STEPS):
             self.engine.mj_step(self.model, self.data)
             found.append([*self.data.qpos, *self.data.qvel])
-        assert self.data.time == pytest.approx(STEPS * STEP), 'the step that the file says'
+        assert self.data.time == pytest.approx(STEPS * STEP), 'the time step of the file'
         return np.array(found)
 
 
 def smooth(theta):
-    """The same without dry friction, whose law is another one there."""
+    """Return the parameters without dry friction, which MuJoCo models differently."""
     return replace(Parameters.from_vector(theta), Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0)
 
 
 def compared(engine, write, model, count=RIGS):
-    """The largest differences of mass matrix and bias, relative to their largest, and of motions [rad, rad/s]."""
-    rng, apart = np.random.default_rng(2), np.zeros(3)
+    """Return the largest differences of mass matrix and bias, relative, and of motions [rad, rad/s]."""
+    rng, largest = np.random.default_rng(2), np.zeros(3)
     for theta in thetas(model, count):
         parameters = Parameters.from_vector(theta)
-        there = engine(write(rig_of(parameters), ['a <bag> -- & more ---']), parameters)
+        exported = engine(write(rig_of(parameters), ['a <bag> -- & more ---']), parameters)
         q, v, tau = states(rng)
-        M, bias = there.terms(q, v)
+        M, bias = exported.terms(q, v)
         vector = smooth(theta).vector('rotor')
         M_ours = mass_matrix(vector, q)
         bias_ours = -M_ours @ forward_dynamics(replace(smooth(theta), b1=0.0, b2=0.0).vector('rotor'), q, v, (0, 0))
@@ -94,10 +94,10 @@ def compared(engine, write, model, count=RIGS):
         errors = (
             abs(M - M_ours).max() / abs(M_ours).max(),
             abs(bias - bias_ours).max() / abs(bias_ours).max(),
-            abs(there.motion(q, v, tau) - ours).max(),
+            abs(exported.motion(q, v, tau) - ours).max(),
         )
-        apart = np.maximum(apart, errors)
-    return apart
+        largest = np.maximum(largest, errors)
+    return largest
 
 
 def revolute(rig, comments):
@@ -107,11 +107,11 @@ def revolute(rig, comments):
 @pytest.mark.parametrize(
     ('write', 'model'), [*((mjcf, model) for model in MODELS), (urdf, 'geared'), (revolute, 'geared')]
 )
-def test_random_rigs_move_in_mujoco_as_our_equations_say(write, model):
-    assert max(compared(Mujoco, write, model)) < CLOSE
+def test_random_rigs_move_in_mujoco_by_the_equations_of_the_package(write, model):
+    assert max(compared(Mujoco, write, model)) < TOLERANCE
 
 
-def test_the_file_begins_hanging_and_its_motor_keeps_the_limit():
+def test_the_exported_rig_starts_hanging_and_limits_its_torque():
     engine = pytest.importorskip('mujoco')
     model = engine.MjModel.from_xml_string(mjcf(rig_of(BALANCE), torque_limit=0.5))
     data = engine.MjData(model)
@@ -125,7 +125,7 @@ def test_the_file_begins_hanging_and_its_motor_keeps_the_limit():
 
 
 def test_a_delayed_torque_moves_the_rig_later():
-    """But for a sixth of a time step: the last stage of RK4 sees the next torque."""
+    """The last stage of RK4 uses the next torque, an error of a sixth of a time step."""
     engine, late = pytest.importorskip('mujoco'), 5
     model = engine.MjModel.from_xml_string(mjcf(rig_of(BALANCE), delay=late * STEP))
     data, torques, found = engine.MjData(model), np.zeros((2, STEPS + late, 1)), []

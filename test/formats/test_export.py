@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Exports, read back by whoever would use them: a C compiler, Octave, Python, ROS parameter files."""
+"""Exports, read back by their users: a C compiler, Octave, Python and ROS nodes."""
 
 import re
 import shutil
@@ -36,7 +36,7 @@ def written(name, result):
 
 
 def evaluated(script):
-    """A script of assignments to fields of one struct, as MATLAB evaluates it, without functions; refuses all else."""
+    """Return the struct of a MATLAB script; refuse anything but assignments to its fields before the functions."""
     struct = {}
     for line in script.partition('% The model')[0].splitlines():
         code = line.split('%')[0].strip()
@@ -52,7 +52,7 @@ def evaluated(script):
     return struct
 
 
-def test_matlab_makes_a_struct_with_every_digit(result, theta):
+def test_the_matlab_script_defines_a_struct_with_every_digit(result, theta):
     struct = evaluated(written('m', result))
     np.testing.assert_array_equal(struct['theta'], theta)
     np.testing.assert_array_equal([struct[name] for name in struct['names']], theta)
@@ -61,7 +61,7 @@ def test_matlab_makes_a_struct_with_every_digit(result, theta):
 
 
 @pytest.mark.ros
-def test_a_node_of_any_name_loads_the_yaml(result, theta, tmp_path):
+def test_a_ros_node_of_any_name_loads_the_parameter_file(result, theta, tmp_path):
     import rclpy
     from rclpy.node import Node
 
@@ -79,11 +79,11 @@ def test_a_node_of_any_name_loads_the_yaml(result, theta, tmp_path):
 
 
 @pytest.mark.parametrize('name', FORMATS)
-def test_units_level_warnings_and_provenance_stand_in_it(result, name):
-    doubtful = replace(
+def test_every_format_contains_units_level_warnings_and_provenance(result, name):
+    warned = replace(
         result, level=Level.WARN, warnings=['poorly determined: the standard error of b2'], not_covered={'b2': 'so'}
     )
-    text = written(name, doubtful)
+    text = written(name, warned)
     for expected in (
         'b2 is not covered by the level: so',
         'kg m^2',
@@ -99,7 +99,7 @@ def test_units_level_warnings_and_provenance_stand_in_it(result, name):
 @pytest.mark.parametrize(
     ('delay', 'remark'), [(3e-7, 'none'), (0.001, 'left out'), (0.003, 'motor'), (-0.003, 'left out')]
 )
-def test_a_delay_is_in_the_file_of_mujoco_or_named_if_it_matters(result, delay, remark):
+def test_a_significant_delay_is_exported_to_mujoco_or_mentioned(result, delay, remark):
     late = replace(result, effort=replace(result.effort, delay=delay))
     text, sentence = written('mjcf', late), 'this model does not contain the input delay'
     assert (f'the input delay of {delay:g} s' in text) == ('input delay' in text) == (remark != 'none')
@@ -108,11 +108,10 @@ def test_a_delay_is_in_the_file_of_mujoco_or_named_if_it_matters(result, delay, 
     assert (sentence in written('urdf', late)) == (remark != 'none')
 
 
-def test_what_a_hand_left_out_is_0_in_its_own_place():
-    """Whatever the order in which the hand wrote."""
-    size, left_out = 14, {'Fs2', 'k2'}
-    theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(left_out, 0.0)
-    given = {name: Parameter(value=value) for name, value in reversed(theta.items()) if name not in left_out}
+def test_omitted_parameters_are_0_and_the_order_is_that_of_theta():
+    size, omitted = 14, {'Fs2', 'k2'}
+    theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(omitted, 0.0)
+    given = {name: Parameter(value=value) for name, value in reversed(theta.items()) if name not in omitted}
     result = PartialResult(parameters=given)
     struct = evaluated(written('m', result))
     assert (struct['theta'], struct['names']) == (list(theta.values()), list(theta))
@@ -179,7 +178,7 @@ def by_python(text, points, folder):
 @pytest.mark.parametrize(
     ('name', 'evaluate', 'needed'), [('h', by_c, 'gcc'), ('m', by_octave, 'octave'), ('py', by_python, 'python3')]
 )
-def test_the_model_is_that_of_the_dynamics_in_every_language(name, evaluate, needed, model, tmp_path):
+def test_exported_equations_agree_with_the_dynamics_in_every_language(name, evaluate, needed, model, tmp_path):
     if shutil.which(needed) is None:
         pytest.skip(f'needs {needed}')
     rng = np.random.default_rng(3)
@@ -199,8 +198,8 @@ def test_the_model_is_that_of_the_dynamics_in_every_language(name, evaluate, nee
         np.testing.assert_allclose(exact @ a, tau - h - f, rtol=1e-9, atol=1e-12)
 
 
-def test_the_module_takes_symbols_too():
-    """By ``lib``: sympy here, as casadi or jax.numpy elsewhere."""
+def test_the_python_module_accepts_symbols():
+    """The argument ``lib`` may be sympy, casadi or jax.numpy."""
     given = PartialResult(parameters={n: Parameter(value=0.5 - 0.05 * k) for k, n in enumerate(NAMES[:9])})
     exec(compile(written('py', given), 'pendubot.py', 'exec'), module := {})
     symbols = sympy.symbols('q1 q2 v1 v2 tau1 tau2')

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The links that stand for parameters come to these parameters, and could be made."""
+"""Physical links with given parameters."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ sizes = st.floats(1e-6, 1e2)
 
 
 def parameters(first, second):
-    """What links come to, by the definitions of P1 to P5."""
+    """Return the parameters of links by the definitions of P1 to P5."""
     return (
         first.mass * first.centre**2 + second.mass * first.length**2 + first.inertia,
         second.mass * second.centre**2 + second.inertia,
@@ -29,19 +29,19 @@ def parameters(first, second):
 
 @given(sizes, sizes, st.floats(0.001, 0.999), st.floats(-10, 10), sizes, st.sampled_from([-1, 1]))
 def test_every_physical_vector_has_links(P1, P2, coupling, P4, P5, sign):
-    """Whatever their size, and on whichever side of the elbow the second centre of mass lies."""
+    """The second centre of mass may lie on either side of the elbow."""
     P3 = coupling * np.sqrt(P1 * P2)
     rig = rig_of(Parameters(P1, P2, sign * P3, P4, sign * P5, 0.0, 0.0))
     for link in (rig.first, rig.second):
         assert min(link.length, link.mass, link.inertia) > 0
     expected = np.array([P1, P2, sign * P3, P4, sign * P5])
-    # P4 is a sum of two that may cancel.
+    # The two terms of P4 may cancel.
     rounding = 1e-9 * np.where(np.arange(5) == 3, rig.second.mass * rig.first.length, abs(expected))
     assert (abs(parameters(rig.first, rig.second) - expected) <= rounding + 1e-9 * abs(expected)).all()
 
 
 @given(st.floats(0.01, 0.28))
-def test_a_measured_length_is_taken_and_changes_P3_alone(length):
+def test_a_measured_length_is_used_and_changes_only_P3(length):
     rig = rig_of(BALANCE, length)
     expected = replace(BALANCE, P3=BALANCE.P5 * length)
     assert (rig.first.length, rig.parameters) == (length, expected)
@@ -49,7 +49,7 @@ def test_a_measured_length_is_taken_and_changes_P3_alone(length):
     np.testing.assert_allclose(parameters(rig.first, rig.second), [p.P1, p.P2, p.P3, p.P4, p.P5], rtol=1e-9)
 
 
-def test_what_is_physical_by_rounding_alone_is_refused_where_nothing_is_left_for_inertias():
+def test_parameters_near_the_limit_of_physical_ones_are_refused_or_give_positive_inertias():
     refused = 0
     for P1, P2 in np.random.default_rng(1).uniform(0.01, 1.0, (200, 2)):
         try:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The URDF that is only drawn, read by ROS's own parser for Python; test_engines.py has the motion of the other."""
+"""The URDF for display, read by ROS's parser; test_engines.py tests the URDF with masses."""
 
 import math
 
@@ -14,7 +14,7 @@ from pendubot_identification.formats.robots import drawn
 from test.conftest import ROOT
 
 
-def test_is_one_tree_with_the_joints_of_joint_states():
+def test_the_urdf_is_one_tree_with_the_joints_of_joint_states():
     robot = URDF.from_xml_string(drawn(0.2, 0.3).encode())
     assert robot.get_root() == 'base_link'
     bridge = yaml.safe_load((ROOT / 'config' / 'bridge.yaml').read_text())['/**/bridge']['ros__parameters']
@@ -28,6 +28,6 @@ def test_is_one_tree_with_the_joints_of_joint_states():
 
 
 @pytest.mark.parametrize('lengths', [(0.0, 1.0), (1.0, -1.0), (math.nan, 1.0), (1.0, math.inf)])
-def test_refuses_a_length_that_is_none(lengths):
+def test_invalid_lengths_are_refused(lengths):
     with pytest.raises(ParameterError, match='a number above 0 is expected'):
         drawn(*lengths)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One sentence for one cause: a named fault explains other findings, and no failure is reported in two ways."""
+"""The assessment of an estimate: each cause gives one warning, and a fault replaces the warnings that it explains."""
 
 from dataclasses import replace
 
@@ -42,44 +42,44 @@ AT_END = replace(GOOD, effort=Effort('zero', -0.1))
 
 
 @pytest.mark.parametrize(
-    ('name', 'estimate', 'length', 'finding'),
+    ('name', 'estimate', 'length', 'beginning'),
     [
         ('delay', AT_END, LENGTH, 'the delay of the effort lies at -0.1000 s'),
         ('zero', replace(GOOD, zeros=OFF), LENGTH, "swing: q1's zero is off by 8.0"),
         ('length', GOOD, (2 * LENGTH[0], 1e-4), 'P3 / P5, the length of link 1, is'),
     ],
 )
-def test_a_named_fault_explains_a_finding(name, estimate, length, finding):
-    (alone,) = assess(estimate, SETTINGS, length).warnings
-    assert alone.startswith(finding)
+def test_a_fault_replaces_the_warning_that_it_explains(name, estimate, length, beginning):
+    (warning,) = assess(estimate, SETTINGS, length).warnings
+    assert warning.startswith(beginning)
     fault = Fault(name, 'found', 'remedy')
     assert assess(estimate, SETTINGS, length, [fault]).warnings == (fault.sentence,)
     severe = assess(estimate, SETTINGS, length, [replace(fault, level=Level.ERROR)])
-    assert (severe.level, severe.warnings, severe.consequences) == (Level.ERROR, (fault.sentence,), (alone,))
+    assert (severe.level, severe.warnings, severe.consequences) == (Level.ERROR, (fault.sentence,), (warning,))
 
 
-def test_a_zero_inertia_is_one_failure():
+def test_a_zero_inertia_gives_one_warning():
     theta = PAPER.vector() * [1, 0, 0, 1, 1, 1, 1]
     free = np.array([True, False, True, True, True, True, True])
     warnings = assess(replace(GOOD, theta=theta, free=free), SETTINGS, (np.nan, np.nan)).warnings
     assert [text for text in warnings if 'P2' in text or 'M(q)' in text] == ['not physical: P2 = 0 is not positive']
 
 
-def test_poorly_determined_parameters_are_named_once():
-    vague = replace(GOOD, condition_number=1e6)
-    (text,) = assess(vague, SETTINGS, LENGTH).warnings
+def test_poorly_determined_parameters_give_one_warning():
+    ill = replace(GOOD, condition_number=1e6)
+    (text,) = assess(ill, SETTINGS, LENGTH).warnings
     assert text.startswith('ill-conditioned')
-    (text,) = assess(replace(vague, std_error=PAPER.vector()), SETTINGS, LENGTH).warnings
+    (text,) = assess(replace(ill, std_error=PAPER.vector()), SETTINGS, LENGTH).warnings
     assert text.startswith('poorly determined')
 
 
-def test_a_rig_without_gravity_is_named_once():
+def test_a_rig_without_gravity_gives_one_warning():
     theta = PAPER.vector() * [1, 1, 1, 0, 0, 1, 1]
     (text,) = assess(replace(GOOD, theta=theta, free=theta > 0), SETTINGS, (5.0, 1.0)).warnings
     assert text.startswith('the 95 % intervals of P4 and P5 reach 0: gravity hardly acts')
 
 
-def test_a_delay_at_the_end_of_its_search_is_an_error_unless_the_search_was_narrowed():
+def test_a_delay_at_the_end_of_its_default_search_interval_is_an_error():
     fixed = replace(GOOD, effort=Effort('zero', 0.1))
     assert assess(AT_END, SETTINGS, LENGTH).level is Level.ERROR
     assert assess(GOOD, SETTINGS, LENGTH).level is Level.OK
@@ -87,11 +87,11 @@ def test_a_delay_at_the_end_of_its_search_is_an_error_unless_the_search_was_narr
     assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1)), LENGTH).level is Level.OK
 
 
-@pytest.mark.parametrize(('scale', 'named'), [(1, False), (0.8, False), (30, True), (0.1, True)])
-def test_a_torque_of_another_unit_is_named_if_the_mass_of_link_2_is_known(scale, named):
+@pytest.mark.parametrize(('scale', 'warned'), [(1, False), (0.8, False), (30, True), (0.1, True)])
+def test_a_torque_in_another_unit_is_reported_if_the_mass_of_link_2_is_known(scale, warned):
     rod, scaled = 4 / 3 * GOOD.theta[4] ** 2 / GOOD.theta[1], replace(GOOD, theta=scale * GOOD.theta)
-    found = assess(scaled, replace(SETTINGS, link_mass=rod), LENGTH).warnings
-    assert any(f'{scale * rod:.3g} kg if it is a uniform rod' in warning for warning in found) == named
+    warnings = assess(scaled, replace(SETTINGS, link_mass=rod), LENGTH).warnings
+    assert any(f'{scale * rod:.3g} kg if it is a uniform rod' in warning for warning in warnings) == warned
     assert not any('weighs' in warning for warning in assess(scaled, SETTINGS, LENGTH).warnings)
 
 
@@ -105,7 +105,7 @@ def test_a_torque_of_another_unit_is_named_if_the_mass_of_link_2_is_known(scale,
         ({'P2': 0.5}, ['P2 (standard error 50 % of the value, correlation 0.99 with P5)']),
     ],
 )
-def test_advice_names_the_worst_parameter_first_and_a_motion_that_helps(errors, expected):
+def test_advice_lists_the_worst_parameter_first_with_a_motion_that_excites_it(errors, expected):
     """P2 is correlated with P5, and b1 lies on its bound."""
     correlation, free = np.eye(7), np.array(NAMES[:7]) != 'b1'
     correlation[1, 4] = correlation[4, 1] = 0.99

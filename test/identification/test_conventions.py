@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Faults of convention are named, and nothing is named where there are none."""
+"""Violated conventions of recordings are diagnosed, without false alarms."""
 
 import functools
 import itertools
@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identification.conventions import diagnose, link_length
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
@@ -22,6 +21,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test import real
 from test.simulated_rig import Rig, record
+from test.virtual import recording
 
 recorded = functools.cache(real.recorded)
 LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
@@ -32,66 +32,63 @@ def diagnosed(*recordings, model='viscous', smoothing=0.02, hold='zero', **known
     return diagnose([Motion.prepare(recording, smoothing, hold) for recording in recordings], model, **known)
 
 
-def pulses(rate=100, seed=1):
-    t = np.arange(9 * rate) / rate
-    tau = np.column_stack([[PulseTrain(seed=seed).torque(x) for x in t], np.zeros(len(t))])
-    return quantised(simulate(PAPER, t, tau), 4000)
-
-
-def moved(q1=0.0, q2=0.0):
+def shifted(q1=0.0, q2=0.0):
     return lambda m: replace(m, q=m.q + np.radians([q1, q2]))
 
 
 def late(motion):
-    """The effort's stamps 20 ms late."""
+    """Return the motion with stamps of the effort that are 20 ms late."""
     samples = round(0.02 / motion.interval)
     return replace(motion, tau=np.concatenate([np.repeat(motion.tau[:1], samples, axis=0), motion.tau[:-samples]]))
 
 
-def hung(positions):
-    """Turns angles from hanging."""
+def about_hanging(positions):
+    """Return a function that transforms the angles relative to hanging."""
     return lambda m: replace(m, q=(m.q - HANG) @ np.transpose(positions) + HANG)
 
 
-def seen(q=((1, 0), (0, 1)), tau=((1, 0), (0, 1))):
-    """Turns angles from the horizontal, and efforts."""
+def transformed(q=((1, 0), (0, 1)), tau=((1, 0), (0, 1))):
+    """Return a function that transforms the angles relative to the horizontal, and the efforts."""
     return lambda m: replace(m, q=m.q @ np.transpose(q), tau=m.tau @ np.transpose(tau))
 
 
 FIRST, SECOND, BOTH, EXCHANGED = ((-1, 0), (0, 1)), ((1, 0), (0, -1)), ((-1, 0), (0, -1)), ((0, 1), (1, 0))
-#: What was done to the recording, and the beginning of the sentence.
+#: Transformation of the recording, and the beginning of the fault's finding.
 FAULTS = {
-    'elbow turned': (seen(SECOND, SECOND), 'the elbow turns the other way'),
-    'elbow encoder': (seen(SECOND), "the elbow's position has the wrong sign"),
-    'shoulder encoder': (hung(FIRST), "the shoulder's position has the wrong sign"),
-    'effort': (seen(tau=BOTH), 'the effort has the wrong sign'),
-    'shoulder from the horizontal': (seen(FIRST), "the shoulder's position has the wrong sign, as measured from the"),
-    'order as measured': (seen(EXCHANGED, EXCHANGED), 'the joints are in the wrong order'),
-    'columns as measured': (seen(EXCHANGED), "the joints' positions are in the wrong order"),
-    'order': (lambda m: seen(tau=EXCHANGED)(hung(EXCHANGED)(m)), 'the joints are in the wrong order'),
-    'q1 zero': (moved(q1=5), r"q1's zero is off by [45]\.\d"),
-    'q2 zero': (moved(q2=5), r"q2's zero is off by [45]\.\d"),
-    'hanging': (moved(q1=90), r"q1's zero is off by (89|90)\.\d"),
-    'absolute': (hung(((1, 0), (1, 1))), "the elbow's position is absolute"),
+    'elbow turned': (transformed(SECOND, SECOND), 'the elbow turns the other way'),
+    'elbow encoder': (transformed(SECOND), "the elbow's position has the wrong sign"),
+    'shoulder encoder': (about_hanging(FIRST), "the shoulder's position has the wrong sign"),
+    'effort': (transformed(tau=BOTH), 'the effort has the wrong sign'),
+    'shoulder from the horizontal': (
+        transformed(FIRST),
+        "the shoulder's position has the wrong sign, as measured from the",
+    ),
+    'order as measured': (transformed(EXCHANGED, EXCHANGED), 'the joints are in the wrong order'),
+    'columns as measured': (transformed(EXCHANGED), "the joints' positions are in the wrong order"),
+    'order': (lambda m: transformed(tau=EXCHANGED)(about_hanging(EXCHANGED)(m)), 'the joints are in the wrong order'),
+    'q1 zero': (shifted(q1=5), r"q1's zero is off by [45]\.\d"),
+    'q2 zero': (shifted(q2=5), r"q2's zero is off by [45]\.\d"),
+    'hanging': (shifted(q1=90), r"q1's zero is off by (89|90)\.\d"),
+    'absolute': (about_hanging(((1, 0), (1, 1))), "the elbow's position is absolute"),
     'late effort': (late, r'the effort is stamped 2\d ms later than it acts'),
 }
 
 
 @pytest.mark.parametrize('fault', FAULTS)
-def test_a_fault_of_the_papers_rig_is_named(fault):
-    spoil, found = FAULTS[fault]
+def test_a_fault_of_the_papers_rig_is_diagnosed(fault):
+    transform, found = FAULTS[fault]
     if fault == 'elbow turned':
-        found = "the elbow's position has the wrong sign"  # its effort is zero whatever the sign
-    (named,) = diagnosed(spoil(pulses()))
-    assert re.match(found, named.found)
-    assert named.sentence.startswith(f'{named.found}: the model does not explain ')
-    assert named.unexplained > 5 * named.corrected
-    assert named.level == Level.ERROR
+        found = "the elbow's position has the wrong sign"  # its effort is zero with either sign
+    (diagnosis,) = diagnosed(transform(recording()))
+    assert re.match(found, diagnosis.found)
+    assert diagnosis.sentence.startswith(f'{diagnosis.found}: the model does not explain ')
+    assert diagnosis.unexplained > 5 * diagnosis.corrected
+    assert diagnosis.level == Level.ERROR
 
 
 @pytest.mark.parametrize(('rate', 'seed'), [(100, 0), (500, 1)])
-def test_good_recordings_have_no_fault_but_that_of_millinewtonmetres(rate, seed):
-    motion = pulses(rate, seed)
+def test_a_good_recording_has_no_fault_until_its_effort_is_in_millinewtonmetres(rate, seed):
+    motion = recording(9 * rate, 1 / rate, seed=seed)
     assert diagnosed(motion, expected_link_length=PAPER.P3 / PAPER.P5) == ()
     (unit,) = diagnosed(replace(motion, tau=1000 * motion.tau))
     assert (unit.name, unit.level) == ('unit', Level.ERROR)
@@ -100,8 +97,8 @@ def test_good_recordings_have_no_fault_but_that_of_millinewtonmetres(rate, seed)
         assert diagnosed(replace(motion, tau=scale * motion.tau)) == ()
 
 
-def test_a_few_counts_are_no_wrong_unit():
-    """At 33 Hz and 300 counts a turn least squares make next to nothing of P2, as if the elbow's link were dense."""
+def test_a_coarse_encoder_is_not_diagnosed_as_a_wrong_unit():
+    """At 33 Hz and 300 counts per turn, least squares underestimate P2, as if link 2 were very dense."""
     rig = Parameters(0.01175, 0.00443, 0.00495, 0.085, 0.033, 0.003, 0.0008, Fc1=0.01, Fc2=0.004)
     t = np.arange(330) / 33
     tau = np.repeat(np.random.default_rng(4).uniform(-0.12, 0.12, 15), 22)
@@ -109,50 +106,50 @@ def test_a_few_counts_are_no_wrong_unit():
     assert diagnosed(motion, model='coulomb', smoothing=0.05) == ()
 
 
-def test_two_faults_are_named_one_after_the_other():
-    first, second = diagnosed(late(FAULTS['effort'][0](pulses())))
+def test_two_faults_are_diagnosed_one_after_the_other():
+    first, second = diagnosed(late(FAULTS['effort'][0](recording())))
     assert 'the effort has the wrong sign' in first.found.split(', or ')
     assert second.found == 'the effort is stamped 20 ms later than it acts'
     assert second.unexplained == first.corrected
-    first, second = diagnosed(FAULTS['hanging'][0](FAULTS['elbow encoder'][0](pulses())))
+    first, second = diagnosed(FAULTS['hanging'][0](FAULTS['elbow encoder'][0](recording())))
     assert [first.name, second.found] == ['zero', "the elbow's position has the wrong sign"]
 
 
 @pytest.mark.parametrize(('smoothing', 'hold'), [(0.02, 'zero'), (0.05, 'linear')])
-def test_a_constant_effort_is_no_zero(smoothing, hold):
-    motion = pulses()
+def test_a_constant_offset_of_the_effort_is_diagnosed(smoothing, hold):
+    motion = recording()
     (fault,) = diagnosed(replace(motion, tau=motion.tau + np.array([0.05, 0])), smoothing=smoothing, hold=hold)
     assert fault.found == "the shoulder's effort is off by a constant 0.05 N m"
 
 
-def test_a_motion_that_no_correction_explains_fits_no_pendubot():
-    motion = pulses()
+def test_a_motion_that_no_correction_explains_is_an_error():
+    motion = recording()
     (found,) = diagnosed(replace(motion, tau=motion.tau[::-1]))
     assert found.sentence.startswith('the motion does not fit any pendubot: ')
     assert found.level == Level.ERROR
 
 
-def test_a_motion_that_hardly_fits_a_pendubot_is_named():
-    """Each edge of the elbow's encoder was counted twice, for which there is no option."""
-    (made,) = record([13], [Rig()], seconds=6.0)
-    motion = Trajectory(made.t, made.q * [1, 2], np.column_stack([made.tau, 0 * made.tau]))
+def test_a_motion_that_hardly_fits_a_pendubot_is_a_warning():
+    """Each edge of the elbow's encoder was counted twice; no option corrects that."""
+    (r,) = record([13], [Rig()], seconds=6.0)
+    motion = Trajectory(r.t, r.q * [1, 2], np.column_stack([r.tau, 0 * r.tau]))
     (found,) = diagnosed(motion)
     assert (found.name, found.level) == ('motion', Level.WARN)
     assert re.match('the motion hardly fits any pendubot: .* counts per turn', found.sentence)
 
 
-def test_coarse_encoders_alone_make_no_motion_unfit():
-    motions = []
-    for made in record([61, 62], [Rig()] * 2, seconds=6.0):
-        angles = np.round(made.q, 1)
-        motions.append(Trajectory(made.t, angles, np.column_stack([made.tau, 0 * made.tau])))
+def test_the_model_fits_motions_of_coarse_encoders():
+    motions = [
+        Trajectory(r.t, np.round(r.q, 1), np.column_stack([r.tau, 0 * r.tau]))
+        for r in record([61, 62], [Rig()] * 2, seconds=6.0)
+    ]
     assert [fault.name for fault in diagnosed(*motions, smoothing=0.05)] == ['motion']
     found = identify(motions)
     assert (found.faults, found.best.exact) == ((), True)
 
 
-def test_a_known_delay_is_no_fault():
-    motion = late(pulses())
+def test_a_known_delay_is_not_a_fault():
+    motion = late(recording())
     assert diagnosed(motion, delay=-0.02) == ()
     (fault,) = diagnosed(motion)
     assert 'identify with a delay of -0.020 s' in fault.remedy
@@ -160,9 +157,9 @@ def test_a_known_delay_is_no_fault():
 
 
 def test_a_late_effort_is_severe_if_no_delay_is_estimated():
-    """Nothing is wrong with parameters that were estimated along with the delay; ``energy`` knows of none."""
+    """The criterion weak estimates the delay with the parameters; the criterion energy has no delay."""
     settings = Settings(('energy', 'weak'), 'viscous', optimizer='lsq', hold='zero')
-    energy, weak = identify([late(pulses())], (), settings).estimates
+    energy, weak = identify([late(recording())], (), settings).estimates
     assert (energy.level, weak.level) == (Level.ERROR, Level.WARN)
     assert energy.warnings == weak.warnings
     assert weak.warnings[0].startswith('the effort is stamped 20 ms later than it acts')
@@ -171,8 +168,8 @@ def test_a_late_effort_is_severe_if_no_delay_is_estimated():
 
 
 @pytest.mark.parametrize('rate', [200, 1000])
-def test_a_tiny_fast_rig_is_not_in_degrees(rate):
-    """Links of 3 and 2 cm, 6 and 4 g, turn 50 times in 10 s, at up to 350 rad/s."""
+def test_radians_of_a_tiny_fast_rig_are_not_diagnosed_as_degrees(rate):
+    """Links of 3 and 2 cm, 6 and 4 g, make 50 turns in 10 s, at up to 350 rad/s."""
     rig = Parameters(P1=5.4e-6, P2=5.33e-7, P3=1.2e-6, P4=2.1e-4, P5=4e-5, b1=5e-6, b2=2.5e-7, Fc1=1e-4, Fc2=6e-6)
     t = np.arange(10 * rate) / rate
     tau = np.repeat(np.random.default_rng(0).uniform(-0.006, 0.006, 100), rate // 10)
@@ -181,48 +178,49 @@ def test_a_tiny_fast_rig_is_not_in_degrees(rate):
     assert diagnosed(motion, model='coulomb') == ()
 
 
-def test_angles_in_degrees_are_named():
-    t = np.arange(900) / 100
-    tau = np.column_stack([[0.3 * PulseTrain(seed=1).torque(x) for x in t], np.zeros(len(t))])
-    motion = quantised(simulate(BALANCE, t, tau), 4000)
-    (named,) = diagnosed(replace(motion, q=np.rad2deg(motion.q)))
-    assert named.found == 'the positions are in degrees'
+def test_angles_in_degrees_are_diagnosed():
+    motion = recording(rig=BALANCE, strength=0.3)
+    (fault,) = diagnosed(replace(motion, q=np.rad2deg(motion.q)))
+    assert fault.found == 'the positions are in degrees'
 
 
-def test_too_little_information_is_no_fault():
-    motion = pulses()
+def test_an_uninformative_motion_has_no_fault():
+    motion = recording()
     still = replace(motion, q=np.broadcast_to(HANG, motion.q.shape))
-    for short in (motion.window(0, 0.7), motion.window(0, 1.05), replace(motion, tau=0 * motion.tau), still):
-        assert diagnosed(short) == ()
+    for poor in (motion.window(0, 0.7), motion.window(0, 1.05), replace(motion, tau=0 * motion.tau), still):
+        assert diagnosed(poor) == ()
 
 
 @pytest.mark.parametrize(('rate', 'smoothing'), [(100, 0.02), (500, 0.05)])
-def test_the_elbow_alone_determines_the_length_of_link_1(rate, smoothing):
-    length, error = link_length([Motion.prepare(pulses(rate), smoothing)], 'viscous')
+def test_the_elbows_equation_determines_the_length_of_link_1(rate, smoothing):
+    motion = recording(9 * rate, 1 / rate)
+    length, error = link_length([Motion.prepare(motion, smoothing)], 'viscous')
     assert length == pytest.approx(PAPER.P3 / PAPER.P5, rel=0.01)
     assert error < 0.01 * length
-    (fault,) = diagnosed(pulses(rate), expected_link_length=1.2 * PAPER.P3 / PAPER.P5)
+    (fault,) = diagnosed(motion, expected_link_length=1.2 * PAPER.P3 / PAPER.P5)
     assert fault.found == 'the elbow moves as on a link 1 of 0.030 +- 0.000 m, 0.036 m is expected'
     assert fault.level == Level.WARN
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize('rig', LENGTHS)
-def test_real_recordings_have_no_fault_and_links_of_their_length(rig):
+def test_real_recordings_have_no_fault_and_give_the_measured_length_of_link_1(rig):
     motions = recorded(rig, 'train')
     length, error = link_length([Motion.prepare(motion, 0.02, 'linear') for motion in motions], 'rotor')
     assert abs(length - LENGTHS[rig]) < 3 * error
     assert error < 0.05 * LENGTHS[rig]
-    for some in (motions, [motions[0][::5]]):
-        assert diagnosed(*some, model='geared', hold='linear', expected_link_length=LENGTHS[rig]) == ()
+    for recordings in (motions, [motions[0][::5]]):
+        assert diagnosed(*recordings, model='geared', hold='linear', expected_link_length=LENGTHS[rig]) == ()
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize(('rig', 'fault'), list(zip(itertools.cycle(LENGTHS), FAULTS, strict=False)))
-def test_a_fault_of_a_real_rig_is_named(rig, fault):
-    spoil, found = FAULTS[fault]
-    (named,) = diagnosed(*(spoil(motion[::5]) for motion in recorded(rig, 'train')), model='rotor', hold='linear')
-    assert re.match(found, named.found)
+def test_a_fault_of_a_real_rig_is_diagnosed(rig, fault):
+    transform, found = FAULTS[fault]
+    (diagnosis,) = diagnosed(
+        *(transform(motion[::5]) for motion in recorded(rig, 'train')), model='rotor', hold='linear'
+    )
+    assert re.match(found, diagnosis.found)
 
 
 @pytest.mark.recordings
@@ -230,7 +228,7 @@ def test_a_fault_of_a_real_rig_is_named(rig, fault):
     ('rig', 'angle', 'level'), [('dfki_C1_sysid', 3, Level.WARN), ('dfki_A0_sysid', 10, Level.ERROR)]
 )
 def test_a_large_error_of_a_zero_is_severe(rig, angle, level):
-    """Of 3 degrees the weak criterion's parameters change by 11 % at most, of 10 degrees by 64 and 71 %."""
-    turned = (moved(q1=angle)(motion[::5]) for motion in recorded(rig, 'train'))
-    (named,) = diagnosed(*turned, model='rotor', hold='linear')
-    assert (named.name, named.level) == ('zero', level)
+    """By 3 degrees the weak criterion's parameters change by 11 % at most, by 10 degrees by 64 and 71 %."""
+    turned = (shifted(q1=angle)(motion[::5]) for motion in recorded(rig, 'train'))
+    (fault,) = diagnosed(*turned, model='rotor', hold='linear')
+    assert (fault.name, fault.level) == ('zero', level)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The composite likelihood's answer: exact rigs whole or not at all, the hold, what diverges, short recordings."""
+"""The composite likelihood's estimate: exact rigs, the choice of hold, diverging filters, short recordings."""
 
 from dataclasses import astuple, replace
 
@@ -23,7 +23,7 @@ from test.virtual import recording
 
 
 def fitted(*recordings, effects=False, **options):
-    """Return the answer, and the steps in words."""
+    """Return the estimate, and its steps as text."""
     data = TrainingData.prepare(recordings, Settings(**options).of_rig(recordings))
     answer = fit_composite(data, lambda *_: None, effects=effects)
     return answer, ' '.join(answer.steps)
@@ -35,7 +35,7 @@ def noisy(samples=400, seed=3):
     return replace(motion, q=motion.q + np.random.default_rng(1).normal(scale=0.003, size=motion.q.shape))
 
 
-def test_an_exact_rig_ends_with_one_step_on_all_samples():
+def test_an_exact_rig_is_fitted_by_one_step_on_all_samples():
     answer, steps = fitted(recording(400, seed=2))
     assert answer.exact
     assert answer.model == 'viscous'
@@ -44,7 +44,7 @@ def test_an_exact_rig_ends_with_one_step_on_all_samples():
     assert answer.filter_data.measurements == 399
 
 
-def test_a_rig_that_turns_by_half_a_radian_between_samples_is_exact():
+def test_a_rig_that_turns_half_a_radian_between_samples_is_identified_exactly():
     t = np.arange(2000) / 200
     tau = np.repeat(np.random.default_rng(2).uniform(-0.8, 0.8, 100), 20)
     motion = simulate(PAPER, t, np.column_stack([tau, 0 * tau]))
@@ -54,7 +54,7 @@ def test_a_rig_that_turns_by_half_a_radian_between_samples_is_exact():
     np.testing.assert_allclose(found.best.theta[:5], astuple(PAPER)[:5], rtol=1e-5)
 
 
-def test_one_recording_with_noise_leaves_none_exact():
+def test_one_noisy_recording_makes_the_fit_inexact():
     answer, steps = fitted(recording(400, seed=2), noisy())
     assert not answer.exact
     assert 'all samples' not in steps
@@ -62,9 +62,9 @@ def test_one_recording_with_noise_leaves_none_exact():
     np.testing.assert_allclose(answer.theta[:5], PAPER.vector()[:5], rtol=0.5)
 
 
-@pytest.mark.parametrize('asked', ['zero', 'linear'])
-def test_a_hold_that_is_asked_for_stays(asked):
-    assert fitted(recording(300, 0.02), hold=asked)[0].data.hold == asked
+@pytest.mark.parametrize('hold', ['zero', 'linear'])
+def test_a_requested_hold_is_kept(hold):
+    assert fitted(recording(300, 0.02), hold=hold)[0].data.hold == hold
 
 
 def test_a_held_torque_gives_the_zero_order_hold():
@@ -73,7 +73,7 @@ def test_a_held_torque_gives_the_zero_order_hold():
     assert 'not held' not in steps
 
 
-def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
+def test_an_interval_at_which_the_filter_diverges_is_skipped(monkeypatch):
     real, longest = fitting.fit, [0.15]
 
     def fails(likelihood, *args, **how):
@@ -89,7 +89,7 @@ def test_an_interval_at_which_a_filter_diverges_is_left_out(monkeypatch):
         fitted(noisy())
 
 
-def test_a_filter_that_diverges_outside_the_middles_starts_anew(monkeypatch):
+def test_a_filter_that_diverges_outside_the_middle_of_the_recordings_restarts(monkeypatch):
     real, raised = fitting.fit, []
 
     def fails(likelihood, *args, **how):
@@ -106,9 +106,9 @@ def test_a_filter_that_diverges_outside_the_middles_starts_anew(monkeypatch):
     np.testing.assert_allclose(answer.theta[:5], expected.theta[:5], rtol=0.005)
 
 
-def test_effects_of_long_recordings_are_searched_in_their_middles_and_confirmed_by_all(monkeypatch):
-    made = rig.record(range(2), [Rig(dead_zone=0.015)] * 2)
-    motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in made]
+def test_effects_of_long_recordings_are_searched_in_the_middle_and_confirmed_on_all_samples(monkeypatch):
+    recordings = rig.record(range(2), [Rig(dead_zone=0.015)] * 2)
+    motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in recordings]
     real, searched = fitting.find_effects, []
 
     def find(base, settings):
@@ -122,27 +122,27 @@ def test_effects_of_long_recordings_are_searched_in_their_middles_and_confirmed_
     np.testing.assert_allclose(searched[0], [(0, 9.995)] * 2)
     np.testing.assert_allclose(searched[1], [(2.9975, 6.9975)] * 2, atol=0.01)
     for answer in (complete, in_part):
-        assert [(found.name, found.accepted) for found in answer.effects] == [('dead zone', True)]
+        assert [(effect.name, effect.accepted) for effect in answer.effects] == [('dead zone', True)]
         assert answer.filter_data.measurements == complete.filter_data.measurements
     np.testing.assert_allclose(in_part.theta[:5], complete.theta[:5], rtol=1e-5)
 
 
-def test_short_recordings_are_fitted_or_refused():
+def test_a_recording_of_2_s_is_fitted_and_of_1_s_refused():
     answer, _ = fitted(recording(200, seed=3), model='viscous')
     np.testing.assert_allclose(answer.theta[:5], PAPER.vector()[:5], rtol=0.05)
     with pytest.raises(TrajectoryError, match='too short for the criteria weak and likelihood'):
         fitted(recording(95, seed=2))
 
 
-def test_without_a_block_of_time_the_rest_decides():
+def test_the_estimate_without_a_recording_is_the_fit_of_the_others():
     answer, _ = fitted(*(recording(400, seed=seed) for seed in (1, 2)), model='viscous')
-    for gone in range(2):
-        alone, _ = fitted(recording(400, seed=2 - gone), model='viscous')
-        np.testing.assert_allclose(answer.without(answer.owner == gone)[:7], alone.theta[:7], rtol=0.01)
+    for removed in range(2):
+        other, _ = fitted(recording(400, seed=2 - removed), model='viscous')
+        np.testing.assert_allclose(answer.without(answer.owner == removed)[:7], other.theta[:7], rtol=0.01)
     np.testing.assert_allclose(answer.without(answer.owner < 0), answer.theta, rtol=1e-6)
 
 
-def test_parameters_beyond_the_physical_by_a_rounding_error_are_moved_back():
+def test_parameters_that_are_unphysical_by_a_rounding_error_are_repaired():
     answer, _ = fitted(recording(400, seed=1), model='viscous')
     theta = answer.theta.copy()
     theta[2] = (1 + 1e-9) * LARGEST_COUPLING * np.sqrt(theta[0] * theta[1])

@@ -1,9 +1,8 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How simulated motions are held against what happened, by an independent count of the errors."""
+"""Prediction errors, compared with an independent computation."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +25,7 @@ COUNT = len(HORIZONS)
 @pytest.mark.parametrize(
     ('model', 'delay', 'parts'), [('viscous', 0, 1), ('coulomb', 3, 1), ('rotor', 0, 1), ('geared', -5, 2)]
 )
-def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay, parts):
+def test_the_true_parameters_predict_exactly_and_others_do_not(model, delay, parts):
     step = STEP / parts
     motions = [exact_motion(vector(model), 450 * parts, step, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
     scale = state_scale(motions)
@@ -40,47 +39,46 @@ def test_the_truth_predicts_exactly_and_nothing_else_does(model, delay, parts):
 
 
 def accelerations(P1, P2, P3, P4, P5, b1, b2, q1, q2, v1, v2, torque):
-    """PAPER.md's equation (1), written down once more."""
+    """Return the accelerations by PAPER.md's equation (1), implemented independently."""
     M = [[P1 + P2 + 2 * P3 * np.cos(q2), P2 + P3 * np.cos(q2)], [P2 + P3 * np.cos(q2), P2]]
     V = [[-P3 * v2 * np.sin(q2), -P3 * (v1 + v2) * np.sin(q2)], [P3 * v1 * np.sin(q2), 0]]
     G = [P4 * 9.81 * np.cos(q1) + P5 * 9.81 * np.cos(q1 + q2), P5 * 9.81 * np.cos(q1 + q2)]
     return np.linalg.solve(M, np.array([torque - b1 * v1, -b2 * v2]) - np.array(V) @ [v1, v2] - G)
 
 
-def test_errors_are_those_of_an_integration_by_other_means():
-    """Every 50 ms, from the smoothed state, with the torque held: what there is half a second later."""
+def test_prediction_errors_agree_with_an_independent_integration():
+    """Every 50 ms, predict the state after 0.5 s from the smoothed state, with the torque held."""
     recorded = recording(160, strength=0.3)
     motion, theta, horizon = Motion.prepare(recorded, 0.02), PAPER.vector() * 1.2, 0.5
-    off, still = [], []
+    errors, persistence = [], []
     for start in range(0, 160 - 50, 5):
         state = motion.smoothed(recorded.t[start])
-        after = state
+        predicted = state
         for k in range(start, start + 50):
-            after = solve_ivp(
+            predicted = solve_ivp(
                 lambda _, s, k=k: [*s[2:], *accelerations(*theta, *s, recorded.tau[k, 0])],
                 (0, 0.01),
-                after,
+                predicted,
                 rtol=1e-9,
                 atol=1e-10,
             ).y[:, -1]
         truth = motion.smoothed(recorded.t[start] + horizon)
-        off.append((after - truth) / SCALE)
-        still.append((state - truth) / SCALE)
+        errors.append((predicted - truth) / SCALE)
+        persistence.append((state - truth) / SCALE)
     prediction = predict([motion], theta, 0.0, SCALE)
     row = HORIZONS.index(horizon)
-    assert prediction.starts[row] == len(off)
-    np.testing.assert_allclose(prediction.errors[row], np.sqrt(np.mean(np.square(off), axis=0)), rtol=1e-4)
-    np.testing.assert_allclose(prediction.still[row], np.sqrt(np.mean(np.square(still), axis=0)), rtol=1e-4)
-    np.testing.assert_allclose(prediction.error[row], np.sqrt(np.mean(np.square(off))), rtol=1e-4)
-    np.testing.assert_allclose(prediction.persistence[row], np.sqrt(np.mean(np.square(still))), rtol=1e-4)
+    assert prediction.starts[row] == len(errors)
+    np.testing.assert_allclose(prediction.errors[row], np.sqrt(np.mean(np.square(errors), axis=0)), rtol=1e-4)
+    np.testing.assert_allclose(prediction.still[row], np.sqrt(np.mean(np.square(persistence), axis=0)), rtol=1e-4)
+    np.testing.assert_allclose(prediction.error[row], np.sqrt(np.mean(np.square(errors))), rtol=1e-4)
+    np.testing.assert_allclose(prediction.persistence[row], np.sqrt(np.mean(np.square(persistence))), rtol=1e-4)
 
 
+@pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('duration', [0.07, 0.3, 0.8])
-def test_horizons_longer_than_the_motion_are_not_known(duration):
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        motion = exact_motion(vector('viscous'), round(duration / 0.004) + 1)
-        prediction = predict([motion], vector('viscous'), 0.0, SCALE)
+def test_horizons_longer_than_the_motion_have_no_prediction_error(duration):
+    motion = exact_motion(vector('viscous'), round(duration / 0.004) + 1)
+    prediction = predict([motion], vector('viscous'), 0.0, SCALE)
     longer = np.array(HORIZONS) >= duration
     np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
     np.testing.assert_array_equal(np.isnan(prediction.still).any(axis=1), longer)
@@ -88,31 +86,29 @@ def test_horizons_longer_than_the_motion_are_not_known(duration):
 
 
 @pytest.mark.parametrize('delay', [0.0, -0.0041, 0.05])
-def test_nothing_before_the_first_and_behind_the_last_sample_is_predictions(delay):
-    """There the smoothed states are not known."""
-    motion, asked = exact_motion(vector('viscous'), 300, 0.01, strength=0.2), []
+def test_predictions_use_no_state_outside_the_recording(delay):
+    motion, times = exact_motion(vector('viscous'), 300, 0.01, strength=0.2), []
 
     def smoothed(t, derivative=0):
-        asked.append(t)
+        times.append(t)
         return motion.smoothed(t, derivative)
 
     predict([replace(motion, smoothed=smoothed)], vector('viscous'), delay, SCALE)
-    assert min(map(np.min, asked)) >= motion.start - 2e-4
-    assert max(map(np.max, asked)) <= motion.end + 2e-4
+    assert min(map(np.min, times)) >= motion.start - 2e-4
+    assert max(map(np.max, times)) <= motion.end + 2e-4
 
 
-def test_a_hopeless_simulation_is_lost_and_no_more():
+@pytest.mark.filterwarnings('error')
+def test_the_errors_of_a_diverging_simulation_are_clipped_without_a_warning():
     motion = exact_motion(vector('viscous'), 300)
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        prediction = predict([motion], vector('viscous') * [1, 1, 1, 1, 1, -1e4, 1], 0.0, SCALE)
+    prediction = predict([motion], vector('viscous') * [1, 1, 1, 1, 1, -1e4, 1], 0.0, SCALE)
     assert np.isfinite(prediction.errors).all()
     assert prediction.errors.max() == 1e3
 
 
 @settings(max_examples=6)
 @given(st.integers(0, 10**6), st.permutations([1.6, 0.4, 0.6]))
-def test_pooled_predictions_are_the_prediction_of_all_together(seed, durations):
+def test_pooled_predictions_equal_the_prediction_of_all_motions_at_once(seed, durations):
     motions = [
         exact_motion(vector('viscous'), round(duration / 0.004), seed=seed + k) for k, duration in enumerate(durations)
     ]
@@ -126,20 +122,20 @@ def test_pooled_predictions_are_the_prediction_of_all_together(seed, durations):
     np.testing.assert_allclose(again.errors, pooled.errors)
 
 
-def still(samples, start, name):
+def at_rest(samples, start, name):
     t = start + 0.01 * np.arange(samples)
     return Motion.prepare(Trajectory(t, np.zeros((samples, 2)), np.zeros((samples, 2)), name=name), 0.0)
 
 
 @given(st.lists(st.integers(100, 900), min_size=1, max_size=6))
-def test_folds_leave_nothing_out_twice_and_lose_nothing(lengths):
-    motions = [still(n, 3.0 * k, f'recording {k}') for k, n in enumerate(lengths)]
+def test_folds_hold_out_every_time_exactly_once(lengths):
+    motions = [at_rest(n, 3.0 * k, f'recording {k}') for k, n in enumerate(lengths)]
     found = folds(motions)
-    for number, whole in enumerate(motions):
+    for number, motion in enumerate(motions):
         held_out = sorted((f.held_out.start, f.held_out.end) for f in found if f.recording == number)
         edges = np.array(held_out).ravel()
-        assert (edges[0], edges[-1]) == (whole.start, whole.end)
-        np.testing.assert_array_equal(edges[1:-1:2], edges[2::2], 'one begins where the other ends')
+        assert (edges[0], edges[-1]) == (motion.start, motion.end)
+        np.testing.assert_array_equal(edges[1:-1:2], edges[2::2], 'each part begins where the previous one ends')
         assert (np.diff(edges)[::2] > 0).all()
     total = sum(m.end - m.start for m in motions)
     for fold in found:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Unmodelled effects compete: of a simulated rig with one effect that one is named, and of a clean rig none."""
+"""Detection of unmodelled effects: the true effect of a simulated rig is accepted; an ideal rig has none."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -23,13 +23,13 @@ RECORDINGS, SECONDS = 2, 8.0
 
 
 @dataclass(frozen=True)
-class Lopsided(Rig):
-    """A rig whose shoulder alone has more dry friction in one direction, and less in the other."""
+class Asymmetric(Rig):
+    """A rig whose dry friction at the shoulder depends on the direction."""
 
     shoulder: float = 0.0  # [N m]
 
 
-#: Each effect's rig, where it acts, and its size or sizes.
+#: The rig of each effect, and the size of the effect by location.
 EFFECTS = {
     'dead zone': (Rig(dead_zone=0.02), {'motor': 0.02}),
     'saturation': (Rig(saturation=0.22), {'motor': 0.22}),
@@ -37,7 +37,7 @@ EFFECTS = {
     'lag': (Rig(lag=0.02), {'motor': 0.02}),
     'eccentricity': (Rig(eccentric=0.02), {"elbow's encoder": 0.02}),
     'offset': (Rig(offset=0.02), {'shoulder': 0.02}),
-    'asymmetry': (Lopsided(shoulder=0.004), {'shoulder': -0.004}),
+    'asymmetry': (Asymmetric(shoulder=0.004), {'shoulder': -0.004}),
     'drag': (Rig(drag=0.0003), {'shoulder': -0.0003, 'elbow': -0.0003}),
     'cogging': (Rig(cogging2=(0.008, 4)), {'elbow, 4 a turn': 0.008}),
 }
@@ -45,24 +45,24 @@ EFFECTS = {
 
 @pytest.fixture(scope='module')
 def recorded():
-    """Return the recordings of each rig by its effect's name; all rigs are simulated at once."""
-    rigs = {'clean': Rig(), **{name: made for name, (made, _) in EFFECTS.items()}}
-    batch = [made for made in rigs.values() for _ in range(RECORDINGS)]
-    more = np.array([getattr(made, 'shoulder', 0.0) for made in batch])
+    """Return the recordings of each rig by the name of its effect; all rigs are simulated at once."""
+    rigs = {'clean': Rig(), **{name: each for name, (each, _) in EFFECTS.items()}}
+    batch = [each for each in rigs.values() for _ in range(RECORDINGS)]
+    asymmetry = np.array([getattr(each, 'shoulder', 0.0) for each in batch])
 
     def friction(q, v, joint, e, usual=rig._friction):
-        return usual(q, v, joint, e) + (more * abs(np.tanh(v / rig.WIDTH)) if joint == 0 else 0.0)
+        return usual(q, v, joint, e) + (asymmetry * abs(np.tanh(v / rig.WIDTH)) if joint == 0 else 0.0)
 
     seeds = [*range(RECORDINGS)] * len(rigs)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rig, '_friction', friction)
-        made = iter(rig.record(seeds, batch, seconds=SECONDS, step=0.0025, begin=10.0 * np.array(seeds)))
-    return {name: [next(made) for _ in range(RECORDINGS)] for name in rigs}
+        recordings = iter(rig.record(seeds, batch, seconds=SECONDS, step=0.0025, begin=10.0 * np.array(seeds)))
+    return {name: [next(recordings) for _ in range(RECORDINGS)] for name in rigs}
 
 
 @pytest.fixture(scope='module')
 def problem(recorded):
-    """Return the solved problem of a rig by its effect's name."""
+    """Return the fitted problem of a rig by the name of its effect."""
 
     @cache
     def solved(name):
@@ -75,7 +75,7 @@ def problem(recorded):
 
 @pytest.fixture(scope='module')
 def effects(problem):
-    """Return what finds the effects of a rig by the name of its own, once."""
+    """Return a cached function that detects the effects of a rig by the name of its effect."""
     return cache(lambda name: [found for found, _ in find_effects(problem(name))])
 
 
@@ -86,7 +86,7 @@ def candidate(base, name, where):
 
 
 @pytest.mark.parametrize('name', EFFECTS)
-def test_the_effect_of_a_rig_is_accepted_and_no_other(problem, effects, name):
+def test_only_the_true_effect_of_a_rig_is_accepted(problem, effects, name):
     base, (_, sizes) = problem(name), EFFECTS[name]
     found = effects(name)
     assert {(f.name, f.where) for f in found} == {(name, where) for where in sizes}
@@ -109,14 +109,14 @@ def test_a_clean_rig_has_no_effect(problem):
 
 @pytest.mark.parametrize(('right', 'wrong'), [('offset', 'asymmetry'), ('asymmetry', 'offset')])
 def test_a_constant_torque_and_asymmetric_friction_are_distinguished(problem, right, wrong):
-    """Both are nearly a constant torque at the shoulder: only slow motion differs."""
+    """Both are nearly a constant torque at the shoulder and differ in slow motion only."""
     base = problem(right)
     gains = [base.fit.cost - base.with_effects([candidate(base, name, 'shoulder')]).fit.cost for name in (right, wrong)]
     assert gains[1] > 10
     assert gains[0] > gains[1] + 10
 
 
-def test_an_effect_that_is_not_sure_is_possible_and_changes_nothing(problem):
+def test_an_effect_below_the_threshold_is_reported_as_possible_and_not_compensated(problem):
     base = problem('dead zone')
     ((found, _),) = find_effects(base, EffectSettings(sure=np.inf))
     assert (found.name, found.accepted) == ('dead zone', False)
@@ -126,8 +126,8 @@ def test_an_effect_that_is_not_sure_is_possible_and_changes_nothing(problem):
     assert find_effects(base, EffectSettings(sure=np.inf, tried=np.inf)) == []
 
 
-def test_each_candidate_starts_as_the_model(problem):
-    """The model is nested in each effect, but for those that the likelihood's slope does not see."""
+def test_the_model_is_nested_in_each_candidate(problem):
+    """Blind candidates, which the slope of the likelihood at zero does not detect, start at another size."""
     base = problem('clean')
     free = np.zeros(base.likelihood.size, dtype=bool)
     cost = base.likelihood.costs(base.fit.x)
@@ -141,7 +141,7 @@ def test_each_candidate_starts_as_the_model(problem):
             np.testing.assert_allclose(like.costs(x), cost, rtol=1e-7, atol=1e-6)
 
 
-def test_cogging_is_a_candidate_where_the_joint_turns(problem):
+def test_cogging_is_a_candidate_only_for_joints_that_turn(problem):
     base = problem('clean')
     both = [c.where for c in catalogue(base.likelihood.filter_data.motions, 0.0) if c.name == 'cogging']
     assert len(both) == 2 * (REPETITIONS - 1)
@@ -153,17 +153,17 @@ def test_cogging_is_a_candidate_where_the_joint_turns(problem):
     assert alone == [where for where in both if where.startswith('elbow')]
 
 
-def test_compensated_torques_are_those_that_act(problem, effects):
-    """A dead zone changes the recorded torque; a drag adds one that follows the smoothed speed."""
+def test_compensated_torques_equal_the_acting_torques(problem, effects):
+    """A dead zone changes the recorded torque; drag adds a torque that depends on the smoothed speed."""
     for name in ('dead zone', 'drag'):
         motion = problem(name).likelihood.filter_data.motions[0]
         found = effects(name)
         t = np.arange(0.5, 7.0, 0.005)
         acting = np.diff(compensated(motion, found, 0.0).impulse(t), axis=0) / 0.005
-        given = np.diff(motion.impulse(t), axis=0) / 0.005
+        recorded = np.diff(motion.impulse(t), axis=0) / 0.005
         if name == 'dead zone':
-            expected = np.sign(given) * np.maximum(abs(given) - 0.02, 0)
+            expected = np.sign(recorded) * np.maximum(abs(recorded) - 0.02, 0)
         else:
             v = motion.states((t[1:] + t[:-1]) / 2)[2:].T
-            expected = given - 0.0003 * v * abs(v)
-        np.testing.assert_allclose(acting, expected, atol=0.02 * abs(acting - given).max())
+            expected = recorded - 0.0003 * v * abs(v)
+        np.testing.assert_allclose(acting, expected, atol=0.02 * abs(acting - recorded).max())

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Standard errors against textbooks, where these hold, and against the spread of estimates."""
+"""Standard errors compared with textbook formulas and with the spread of estimates."""
 
 import numpy as np
 import pytest
@@ -24,28 +24,28 @@ FREE = np.ones(3, dtype=bool)
 
 
 def white(seed, seconds=100.0, scale=(1.0, 10.0, 0.1)):
-    """Residuals that do not hang together at all, where the textbook's covariance is right."""
+    """Return a regression with independent residuals, for which the textbook's covariance is right."""
     rng = np.random.default_rng(seed)
     phi = rng.normal(size=(int(20 * seconds), 3)) * scale
     return Regression(phi, rng.normal(size=len(phi)), np.linspace(0, seconds, len(phi)))
 
 
-def test_residuals_that_repeat_tell_no_more():
-    """Ten times the same row is one observation, not ten; a textbook would give sqrt(10) times smaller errors."""
+def test_repeated_rows_do_not_reduce_the_standard_error():
+    """The textbook's covariance would give sqrt(10) times smaller errors."""
     part = white(1)
     tenfold = Regression(*(np.repeat(values, 10, axis=0) for values in (part.phi, part.y, part.t)))
     once, ten = (regression_covariance([p], np.zeros(3), FREE)[1] for p in (part, tenfold))
     np.testing.assert_allclose(ten, once, rtol=0.1)
 
 
-def test_units_do_not_matter():
+def test_the_covariance_does_not_depend_on_units():
     part, scale = white(7), np.array([1e-3, 1.0, 1e4])
     scaled = Regression(part.phi * scale, part.y, part.t)
     expected = regression_covariance([part], np.zeros(3), FREE)[0] / np.outer(scale, scale)
     np.testing.assert_allclose(regression_covariance([scaled], np.zeros(3), FREE)[0], expected, rtol=1e-6, atol=0)
 
 
-def test_of_the_weak_criterion_it_is_about_the_spread_over_recordings():
+def test_standard_errors_of_the_weak_criterion_agree_with_the_spread_over_recordings():
     estimates, errors, bounds = [], [], default_bounds().of(7)
     for seed in range(10):
         motion = Motion.prepare(recording(seed=seed), 0.02)
@@ -59,7 +59,7 @@ def test_of_the_weak_criterion_it_is_about_the_spread_over_recordings():
 
 
 def line(phi, y, owner, free=FREE, difference=0.0, *, exact=False):
-    """Return a least-squares line of one block a row of ``owner``, phi of shape (B, M, D), and its covariance."""
+    """Return the least-squares fit of B blocks, phi of shape (B, M, D), and its influence covariance."""
     theta = np.zeros(phi.shape[2])
     theta[free] = np.linalg.lstsq(phi[..., free].reshape(-1, free.sum()), y.ravel(), rcond=None)[0]
     slopes = np.einsum('bmi,bm->bi', phi, phi @ theta - y)
@@ -68,13 +68,13 @@ def line(phi, y, owner, free=FREE, difference=0.0, *, exact=False):
 
 
 def clustered(seed, recordings, each=20):
-    """Rows of recordings, each with an error of its own that all of its blocks share."""
+    """Return rows of recordings; the blocks of a recording share an error."""
     rng, owner = np.random.default_rng(seed), np.repeat(np.arange(recordings), each)
     phi = rng.normal(size=(len(owner), 6, 3)) + rng.normal(size=(recordings, 1, 3))[owner]
     return phi, rng.normal(size=phi.shape[:2]) + 2 * rng.normal(size=recordings)[owner, None], owner
 
 
-def test_of_an_exact_line_it_is_at_least_the_curvature():
+def test_standard_errors_of_an_exact_fit_are_at_least_those_of_the_curvature():
     phi, y, owner = clustered(1, 4)
     _, covariance, std_error, freedom, words = line(phi * [1, 1e-3, 1e4], y, owner, exact=True)
     flat = (phi * [1, 1e-3, 1e4]).reshape(-1, 3)
@@ -84,7 +84,7 @@ def test_of_an_exact_line_it_is_at_least_the_curvature():
     assert words.startswith('influence of ')
 
 
-def test_of_recordings_it_is_about_the_jackknife_that_leaves_one_out():
+def test_standard_errors_over_recordings_agree_with_the_jackknife():
     phi, y, owner = clustered(2, 12)
     _, _, std_error, freedom, words = line(phi, y, owner)
     without = [line(*(each[owner != k] for each in (phi, y, owner)))[0] for k in range(12)]
@@ -99,7 +99,7 @@ def test_of_recordings_it_is_about_the_jackknife_that_leaves_one_out():
     assert line(phi[one], y[one], owner[one])[-1] == 'influence of 20 blocks of time'
 
 
-def test_of_an_exact_line_recordings_count_where_they_differ():
+def test_an_exact_fit_counts_recordings_only_if_they_differ():
     phi, y, owner = clustered(4, 4)
     tied = np.random.default_rng(5).normal(size=y.shape)
     (*_, differing), (*_, same) = (line(phi, each, owner, exact=True) for each in (y, tied))
@@ -114,24 +114,24 @@ def test_the_difference_to_the_estimate_of_short_intervals_adds_to_the_standard_
     _, covariance, std_error, same, words = line(phi, y, owner, difference=far)
     np.testing.assert_allclose(std_error, np.hypot(before, far), rtol=0.02)
     np.testing.assert_array_equal(freedom, same)
-    assert covariance[0, 2] < 0, 'they err together'
+    assert covariance[0, 2] < 0, 'their errors are correlated'
     assert words.endswith('the difference to the estimate of the shortest interval')
 
 
 @pytest.mark.parametrize('recordings', [2, 4, 12])
-def test_intervals_hold_the_truth_where_recordings_err_by_themselves(recordings):
-    """What takes their residuals for white holds it half of the time."""
-    held, naive = [], []
+def test_intervals_cover_the_truth_if_each_recording_has_its_own_error(recordings):
+    """The textbook's intervals for white residuals cover it half of the time."""
+    covered, naive = [], []
     for seed in range(150):
         phi, y, owner = clustered(100 + seed, recordings)
         theta, _, std_error, freedom, _ = line(phi, y, owner)
-        held.append(np.abs(theta) < student_quantile(freedom) * std_error)
+        covered.append(np.abs(theta) < student_quantile(freedom) * std_error)
         naive.append(np.abs(theta) < 1.96 * np.sqrt(np.diag(np.linalg.inv(np.einsum('bmi,bmj->ij', phi, phi)))))
-    assert np.mean(held) > 0.88
-    assert np.mean(naive) < np.mean(held) - 0.1
+    assert np.mean(covered) > 0.88
+    assert np.mean(naive) < np.mean(covered) - 0.1
 
 
-def test_a_bound_leaves_a_standard_error_and_unidentifiable_ones_spoil_no_other():
+def test_parameters_on_a_bound_have_a_standard_error_and_unidentifiable_ones_affect_no_other():
     phi, y, owner = clustered(3, 8)
     free = np.array([True, False, True])
     _, covariance, std_error, *_ = line(phi, y, owner, free)
@@ -139,21 +139,21 @@ def test_a_bound_leaves_a_standard_error_and_unidentifiable_ones_spoil_no_other(
     assert np.isnan(covariance[:, 1]).all()
     alone = line(phi[..., free], y, owner, FREE[:2])[2]
     np.testing.assert_allclose(std_error[free], alone)
-    assert 0.2 < std_error[1] / line(phi, y, owner)[2][1] < 5, 'about what it would have without'
+    assert 0.2 < std_error[1] / line(phi, y, owner)[2][1] < 5, 'near the standard error without the bound'
     phi[..., 1] = 0.0
-    untold = line(phi, y, owner)[2]
-    np.testing.assert_allclose(untold[free], alone, rtol=0.01)
-    assert untold[1] == np.inf
+    unidentifiable = line(phi, y, owner)[2]
+    np.testing.assert_allclose(unidentifiable[free], alone, rtol=0.01)
+    assert unidentifiable[1] == np.inf
 
 
-def test_indistinguishable_parameters_have_infinite_errors():
+def test_indistinguishable_parameters_have_infinite_standard_errors():
     phi, y, owner = clustered(4, 6)
     phi[..., 1] = 0.3 * phi[..., 0]
     assert np.isinf(line(phi, y, owner)[2]).tolist() == [True, True, False]
     assert np.isfinite(line(phi, y, owner, np.array([True, False, True]))[2]).all()
 
 
-def test_correlations_and_condition_number_are_those_of_the_columns_scaled_to_one():
+def test_correlations_and_condition_number_are_computed_for_columns_of_unit_norm():
     flat = clustered(5, 3)[0].reshape(-1, 3)
     flat[:, 2] = flat[:, 0] + 0.01 * flat[:, 2]
     information = flat.T @ flat * np.outer([1, 1e-3, 1e4], [1, 1e-3, 1e4])

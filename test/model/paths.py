@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Both ways in which motions are simulated: the compiled kernel and numpy."""
+"""Tests with both implementations of simulations: the compiled kernel and numpy."""
 
 import contextlib
 
@@ -14,7 +14,7 @@ both_paths = pytest.mark.parametrize('compiled', [True, False], ids=['kernel', '
 
 @contextlib.contextmanager
 def path(compiled):
-    """Simulate by the kernel, or by numpy; skip what needs a kernel where there is none."""
+    """Simulate by the kernel or by numpy; skip the test if the kernel is missing."""
     before = kernel.wanted
     if compiled and kernel.library() is None:
         pytest.skip(kernel.description())

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The equations of motion, in Python and in C, against those that sympy derives from kinetic and potential energy."""
+"""The equations of motion in Python and C, compared with Lagrange's equations derived by sympy."""
 
 import math
 from functools import cache
@@ -22,14 +22,15 @@ from pendubot_identification.model.rollout import roll, sensitivities
 from test.model.paths import both_paths, path
 from test.strategies import angles, rigs, theta, torques, velocities
 
-#: Of a rig: m1 m2 l1 d1 d2 I1 I2, then friction and rotor as in theta.
+#: Number of arguments of a rig: m1 m2 l1 d1 d2 I1 I2, then friction and rotor as in theta.
 SIZE = 16
 
 
 @cache
 def derived():
-    """Functions of a rig, a state and torques: accelerations, their derivatives by state and rig, M, energy, theta,
-    its derivatives by the rig.
+    """Return a function of rig, state and torques.
+
+    It gives accelerations, their derivatives by state and rig, M, energy, theta, and its derivatives by the rig.
     """
     sympy = pytest.importorskip('sympy')
     rig = sympy.symbols('m1 m2 l1 d1 d2 I1 I2 b1 b2 Fc1 Fc2 J2 Fs1 Fs2 k1 k2')
@@ -54,21 +55,21 @@ def derived():
     momentum = lagrangian.jacobian(v).T
     M = momentum.jacobian(v)
     qdd = M.LUsolve(forces + lagrangian.jacobian(q).T - momentum.jacobian(q) * v)
-    everything = sympy.Matrix([*state, *rig])
+    arguments = sympy.Matrix([*state, *rig])
     P = sympy.Matrix(theta(*rig))
-    wanted = qdd, qdd.jacobian(everything), M, kinetic + potential, P, P.jacobian(sympy.Matrix(rig))
-    return sympy.lambdify([rig, state, tau], wanted, 'numpy', cse=True)
+    outputs = qdd, qdd.jacobian(arguments), M, kinetic + potential, P, P.jacobian(sympy.Matrix(rig))
+    return sympy.lambdify([rig, state, tau], outputs, 'numpy', cse=True)
 
 
 def lagrange(rig, x, tau):
-    """``derived`` for a rig of any model: accelerations, derivatives, M, energy, theta, theta's derivatives."""
+    """Return the outputs of ``derived`` for a rig of any model."""
     qdd, by, M, E, P, P_by = derived()([*rig, *[0.0] * (SIZE - len(rig))], x, tau)
     size = len(rig) - 2
     return qdd.ravel(), by[:, : 4 + len(rig)], M, E, P.ravel()[:size], P_by[:size, : len(rig)]
 
 
 def by_rig(derivatives, P_by):
-    """Derivatives by state and theta (..., 4 + D) as those by state and rig."""
+    """Return derivatives by state and rig from derivatives by state and theta, shape (..., 4 + D)."""
     return np.concatenate([derivatives[..., :4], derivatives[..., 4:] @ P_by], axis=-1)
 
 
@@ -77,7 +78,7 @@ def assert_near(found, expected, tolerance):
 
 
 @given(rigs(), angles, velocities, torques)
-def test_python_agrees_with_lagrange(rig, q, v, tau):
+def test_dynamics_agree_with_lagranges_equations(rig, q, v, tau):
     qdd, by, M, E, P, P_by = lagrange(rig, [*q, *v], tau)
     assert_near(mass_matrix(P, q), M, 1e-12)
     assert float(energy(P, q, v)) == pytest.approx(E, rel=1e-9, abs=1e-9)
@@ -89,7 +90,7 @@ def test_python_agrees_with_lagrange(rig, q, v, tau):
 
 
 def step(rig, x, X, tau, h):
-    """One classic Runge-Kutta step of the state and of its derivatives by the first state and the rig."""
+    """Return the state, and its derivatives by initial state and rig, after a Runge-Kutta step of order 4."""
 
     def slope(y):
         x, X = y[:, 0], y[:, 1:]
@@ -110,7 +111,7 @@ def step(rig, x, X, tau, h):
 @both_paths
 @settings(max_examples=40)
 @given(rigs(), st.integers(0, 10**6))
-def test_roll_and_sensitivities_do_runge_kutta_steps_of_lagranges_equations(compiled, rig, seed):
+def test_rollouts_and_sensitivities_are_runge_kutta_steps_of_lagranges_equations(compiled, rig, seed):
     rng = np.random.default_rng(seed)
     steps, lanes, h = 3, 5, 1e-4
     start, tau = rng.normal(scale=[[2], [2], [8], [8]], size=(4, lanes)), rng.normal(size=(2, steps, lanes))

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The innovations of many filters, by the kernel, by numpy, and by an independent Kalman filter where one exists."""
+"""The innovations of many filters by kernel and numpy, compared with an independent Kalman filter of a linear rig."""
 
 from dataclasses import replace
 
@@ -16,13 +16,13 @@ from pendubot_identification.model.rollout import roll
 from test.model.paths import both_paths, path
 from test.virtual import GEARED
 
-#: One term of each kind at each joint, with the repetitions or the speed that the kind needs.
+#: One term of each kind at each joint, with the periods per turn or the speed that the kind needs.
 NUMBER = {TermKind.SINE: 7.0, TermKind.COSINE: 3.0, TermKind.CREEP: 0.3}
 TERMS = tuple(Term(kind, joint, NUMBER.get(kind, 0.0)) for kind in TermKind for joint in range(2))
 
 
 def samples(groups=3, steps=40, tables=2, every=4, h=0.004, seed=1):
-    """Return groups of decreasing length, padded to one; two levels; a measurement at the end of every few steps."""
+    """Return groups of decreasing length, padded to one length, with two levels and a measurement every few steps."""
     rng = np.random.default_rng(seed)
     length = steps - every * np.arange(groups)
     row = np.full((groups, steps), -1)
@@ -59,7 +59,7 @@ def vectors(lanes=6, tables=2, terms=TERMS, seed=1):
 
 
 def both(*arguments):
-    """Return what the kernel and numpy find."""
+    """Return the innovations by the kernel and by numpy."""
     found = []
     for compiled in (True, False):
         with path(compiled):
@@ -78,7 +78,7 @@ def test_kernel_and_numpy_agree(lanes):
 
 
 @pytest.mark.parametrize('term', TERMS, ids=lambda term: f'{term.kind.name}-{term.joint}')
-def test_each_term_acts_alike_in_kernel_and_numpy(term):
+def test_kernel_and_numpy_agree_on_each_term(term):
     read, unknown = samples(), replace(vectors(terms=(term,)), coefficient=np.full((1, 6), 0.02))
     found = both(read, unknown, (term,))
     for a, b in zip(*found, strict=True):
@@ -89,7 +89,7 @@ def test_each_term_acts_alike_in_kernel_and_numpy(term):
 
 
 @both_paths
-def test_lanes_and_groups_do_not_mix(compiled):
+def test_lanes_and_groups_are_independent(compiled):
     read, unknown = samples(), vectors()
     with path(compiled):
         e, s = innovations(read, unknown, TERMS)
@@ -110,7 +110,7 @@ def test_lanes_and_groups_do_not_mix(compiled):
                 np.testing.assert_allclose(a[rows], b, rtol=1e-10, atol=1e-12)
 
 
-def test_no_number_depends_on_the_threads(monkeypatch):
+def test_results_do_not_depend_on_the_number_of_threads(monkeypatch):
     read, unknown = samples(groups=8, steps=200), vectors(40)
     found = []
     with path(True):
@@ -121,7 +121,7 @@ def test_no_number_depends_on_the_threads(monkeypatch):
         np.testing.assert_array_equal(found[0], other)
 
 
-def test_no_number_depends_on_the_processor(monkeypatch):
+def test_results_do_not_depend_on_the_processor(monkeypatch):
     read, unknown, found = samples(groups=8, steps=200), vectors(21), []
     for name in ('_kernel', '_kernel_avx512'):
         if (library := kernel.opened(name)) is None:
@@ -131,14 +131,13 @@ def test_no_number_depends_on_the_processor(monkeypatch):
     np.testing.assert_array_equal(*found)
 
 
-def test_more_terms_than_the_kernel_takes_are_numpys():
+def test_numpy_computes_more_terms_than_the_kernel_supports():
     terms = (TERMS * (MOST_TERMS // len(TERMS) + 1))[: MOST_TERMS + 1]
     for a, b in zip(*both(samples(steps=8, groups=1), vectors(1, terms=terms), terms), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
-def test_without_torque_noise_the_mean_is_a_rollout():
-    """Without torque noise the mean is a rollout, and dry friction is no wider than in the model."""
+def test_without_torque_noise_the_mean_is_a_rollout_of_the_model():
     read = samples(groups=1, steps=50, every=50, tables=1, h=0.002)
     read = replace(read, h=np.full((1, 50), 0.002), spread=np.zeros((1, 4)))
     noise = np.array([1e-10, 1e-10, 0, 0])[:, None]
@@ -150,12 +149,12 @@ def test_without_torque_noise_the_mean_is_a_rollout():
 
 
 def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
-    """Two uncoupled pendulums near their lowest point: Van Loan's discretisation, and both positions at once."""
+    """Two uncoupled pendulums near their lowest point, discretised by Van Loan's method."""
     theta = np.zeros(14)
     theta[[0, 1, 3, 5, 6]] = 0.05, 0.03, 0.2, 0.02, 0.01
     theta[9] = 0.02
     read = samples(groups=1, steps=400, every=2, tables=1, h=0.002, seed=3)
-    tiny = 1e-4  # of all angles, so that a sine is its angle
+    tiny = 1e-4  # scale of the angles [rad], so that the sine is linear
     h = 0.002
     read = replace(
         read,
@@ -196,7 +195,7 @@ def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
 
 @both_paths
 @pytest.mark.filterwarnings('error')
-def test_a_filter_that_diverges_is_not_finite_and_alone(compiled):
+def test_a_diverging_filter_is_not_finite_and_affects_no_other(compiled):
     read, unknown = samples(), vectors(5)
     theta = unknown.theta.copy()
     theta[5:7, 2] = 1e6  # too much friction for the step

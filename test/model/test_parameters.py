@@ -34,30 +34,30 @@ from test.strategies import angles, physical_parameters, velocities
         *(({name: 0.1}, 'geared') for name in ('Fs1', 'Fs2', 'k1', 'k2')),
     ],
 )
-def test_parameters_know_the_smallest_model_that_has_them_and_no_vector_drops_one(change, model):
+def test_parameters_have_the_smallest_sufficient_model_and_complete_vectors(change, model):
     parameters = replace(PAPER, **change)
     assert parameters.model == model
-    for wanted, size in MODELS.items():
-        theta = parameters.vector(wanted)
+    for requested, size in MODELS.items():
+        theta = parameters.vector(requested)
         assert len(theta) == max(size, MODELS[model])
         assert Parameters.from_vector(theta) == parameters
 
 
 @pytest.mark.parametrize(
-    ('change', 'named'),
+    ('change', 'text'),
     [
         ({'P1': -1e-3}, 'P1'),
         ({'P2': 0.0}, 'P2'),
         ({'P3': 0.1}, 'positive definite'),
-        # What a rotor adds does not make links of these.
+        # The inertia of a rotor does not make the links physical.
         ({'P3': 0.1, 'J2': 1.0}, 'positive definite'),
         *(({name: -1e-6}, name) for name in ('b1', 'b2', 'Fc1', 'Fc2', 'J2', 'Fs1', 'Fs2', 'k1', 'k2')),
         *(({name: float('nan')}, name) for name in NAMES),
     ],
 )
-def test_unphysical_values_are_named(change, named):
+def test_unphysical_values_are_reported(change, text):
     (problem, *_) = replace(PAPER, **change).unphysical()
-    assert named in problem
+    assert text in problem
 
 
 @pytest.mark.parametrize('size', [0, 6, 8, 13, 15])
@@ -70,7 +70,7 @@ inertias = st.floats(1e-9, 1e3)
 
 
 @given(inertias, inertias, st.floats(-3, 3), st.sampled_from(list(MODELS.values())))
-def test_repaired_vectors_are_physical_and_differ_in_P3_alone_and_only_if_they_must(P1, P2, coupling, size):
+def test_repaired_vectors_are_physical_and_differ_only_in_P3_if_necessary(P1, P2, coupling, size):
     theta = np.array([P1, P2, coupling * math.sqrt(P1 * P2), *np.linspace(1, 2, size - 3)])
     before = theta.copy()
     result = repaired(theta)
@@ -100,7 +100,7 @@ def test_bounds_of_an_unknown_parameter_or_infinite_ones_are_refused():
         Bounds(np.zeros(6), np.ones(6))
 
 
-def test_parameters_on_a_bound_are_found():
+def test_parameters_on_a_bound_are_detected():
     bounds, theta = default_bounds().of(7), PAPER.vector()
     assert bounds.names == NAMES[:7]
     assert not bounds.at_bound(theta).any()
@@ -115,8 +115,8 @@ def test_a_payload_adds_the_energy_of_a_point_mass_on_link_2(rig, q, v, payload)
     angle, rate = q1 + q2, v1 + v2
     vx = -l1 * math.sin(q1) * v1 - d * math.sin(angle) * rate
     vy = l1 * math.cos(q1) * v1 + d * math.cos(angle) * rate
-    alone = payload * ((vx**2 + vy**2) / 2 + GRAVITY * (l1 * math.sin(q1) + d * math.sin(angle)))
+    added = payload * ((vx**2 + vy**2) / 2 + GRAVITY * (l1 * math.sin(q1) + d * math.sin(angle)))
     carrying = rig.carrying(payload)
     more, less = (energy(each.vector('geared'), q, v) for each in (carrying, rig))
-    assert more == pytest.approx(less + alone, rel=1e-9, abs=1e-9)
+    assert more == pytest.approx(less + added, rel=1e-9, abs=1e-9)
     assert not carrying.unphysical()

@@ -17,7 +17,7 @@ from pendubot_identification.model.rollout import roll
 from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate, substeps
 from test.virtual import C1, STIFF
 
-#: The paper's rig; the same with a geared motor at each joint; a heavier one, whose friction stops it in 2 ms.
+#: The paper's rig; the same with a geared motor at each joint; a heavier rig, whose friction stops it in 2 ms.
 RIGS = {
     'paper': PAPER,
     'paper, geared': replace(PAPER, Fc1=0.005, Fc2=0.001, J2=1e-4, Fs1=0.003, Fs2=0.0005, k1=0.2, k2=0.2),
@@ -29,7 +29,7 @@ RIGS = {
 
 
 @pytest.mark.parametrize('name', RIGS)
-def test_agrees_with_an_adaptive_integrator(name):
+def test_simulations_agree_with_an_adaptive_integrator(name):
     rig = RIGS[name]
     t, theta = np.arange(51) * 0.01, rig.vector()
     amplitude = 0.3 if rig.P1 < 0.01 else 3.0
@@ -45,15 +45,14 @@ def test_agrees_with_an_adaptive_integrator(name):
         )
         x = solution.y[:, -1]
     motion = simulate(rig, t, tau)
-    # Where dry friction turns within a step, a tenth of an encoder count; else nothing that could be seen.
+    # A tenth of an encoder count if dry friction reverses within a step.
     count = 2 * math.pi / 4000
     np.testing.assert_allclose(motion.q[-1], x[:2], atol=0.1 * count if rig.Fc1 else 1e-6)
     np.testing.assert_allclose(motion.qd[-1], x[2:], atol=3 * count if rig.Fc1 else 1e-6)
 
 
 @pytest.mark.parametrize(('rig', 'parts'), [(PAPER, 1), (replace(C1, Fs2=0.16), 2), (STIFF, 5)])
-def test_coarse_steps_are_divided_until_friction_is_stable(rig, parts):
-    """Where it is not, a rig at rest shakes for ever."""
+def test_coarse_steps_are_subdivided_until_friction_is_stable(rig, parts):
     step, torques = 0.005, np.array([0.1, 0.0])
     assert substeps(rig, torques, step) == parts
     tau = np.zeros((2, 100 * parts, 1))
@@ -63,12 +62,12 @@ def test_coarse_steps_are_divided_until_friction_is_stable(rig, parts):
     assert substeps(replace(rig, P2=0.0, J2=0.0), torques, step) == 20
 
 
-def test_a_rig_that_cannot_be_is_refused():
+def test_an_unphysical_rig_is_refused():
     with pytest.raises(ParameterError, match='positive definite'):
         Plant(Parameters(1e-3, 1e-3, 1e-2, 0.1, 0.1, 0, 0))
 
 
-def test_encoders_read_whole_counts_from_hanging():
+def test_encoder_counts_are_integers_relative_to_hanging():
     t = np.arange(200) * 0.01
     motion = simulate(PAPER, t, np.column_stack([np.full(200, 0.1), np.zeros(200)]))
     counts = (quantised(motion, 4000).q - HANGING) * 4000 / (2 * math.pi)
@@ -78,8 +77,8 @@ def test_encoders_read_whole_counts_from_hanging():
 
 @settings(max_examples=20)
 @given(st.integers(0, 12), st.lists(st.floats(-0.1, 0.1), min_size=8, max_size=8), st.sampled_from([3, 5, 10]))
-def test_a_late_motor_does_the_same_later(delay_ms, torques, period_ms):
-    """Millisecond by millisecond: what acts now is what was applied a delay ago, whatever the sampling."""
+def test_a_delayed_plant_moves_as_under_delayed_torques(delay_ms, torques, period_ms):
+    """The sampling period and the delay are independent."""
     late, plain = LatePlant(PAPER, delay_ms * 1e-3), Plant(PAPER)
     fine = [0.0] * delay_ms + [torque for torque in torques for _ in range(period_ms)]
     for k, torque in enumerate(torques):

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""DE and PSO against SwarmOps, the package from which the paper took their settings and form; HDE's gradient step."""
+"""DE and PSO, compared with SwarmOps, the source of the paper's settings; the gradient step of HDE."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,7 @@ SPHERE, GRIEWANK = FUNCTIONS[:2]
 
 
 def swarmops(algorithm, function, parameters, *, evaluations, runs):
-    """Return the errors of 2-dimensional runs after so many function values."""
+    """Return the errors of 2-dimensional runs after ``evaluations`` function values."""
     bounds = function.bounds(2)
 
     def fitness(x, limit=np.inf):
@@ -42,7 +42,7 @@ def swarmops(algorithm, function, parameters, *, evaluations, runs):
 
 @pytest.mark.parametrize('function', FUNCTIONS[::3], ids=lambda f: f.name)
 def test_de_agrees_with_swarmops(function, monkeypatch):
-    """Table 3's settings, 30 generations: the errors come from one distribution, once both draw back to the bound."""
+    """Table 3's settings, 30 generations; both clip to the bounds. The errors have the same distribution."""
     monkeypatch.setattr(mde_module, 'drawn_back', lambda v, x, bounds: np.clip(v, *columns(bounds)))
     ours = mde(function.value, function.bounds(2), replace(CLASSIC, generations=29), runs=1000).value
     theirs = swarmops(DE.DE, function, [18, 0.5026, 0.6714], evaluations=30 * 18, runs=100)
@@ -51,42 +51,45 @@ def test_de_agrees_with_swarmops(function, monkeypatch):
 
 @pytest.mark.parametrize('function', FUNCTIONS[1:3], ids=lambda f: f.name)
 def test_pso_agrees_with_swarmops(function):
-    """Table 3's settings, 4000 function values: the errors come from one distribution."""
+    """Table 3's settings, 4000 function values: the errors have the same distribution."""
     ours = pso(function.value, function.bounds(2), runs=500)
-    assert ours.evaluations.tolist() == [27 * 149] * 500, 'the generation in which 4000 are reached is finished'
+    assert ours.evaluations.tolist() == [27 * 149] * 500, 'the generation that reaches 4000 is completed'
     theirs = swarmops(PSO.PSO, function, [149, -0.3236, -0.1136, 3.9789], evaluations=4000, runs=50)
     assert mannwhitneyu(ours.value, theirs).pvalue > 0.01
 
 
 @pytest.mark.parametrize('minimise', [pso, partial(hde, gradient=GRIEWANK.gradient, settings=CLASSIC, rate=1e4)])
-def test_each_stays_inside_and_gets_no_worse(minimise):
-    asked = []
+def test_pso_and_hde_keep_the_bounds_and_never_worsen(minimise):
+    distances = []
 
     def value(x):
-        asked.append(np.abs(x).max())
+        distances.append(np.abs(x).max())
         return GRIEWANK.value(x)
 
     result = minimise(value, bounds=GRIEWANK.bounds(2), runs=4)
-    assert max(asked) <= GRIEWANK.half_width
+    assert max(distances) <= GRIEWANK.half_width
     assert (np.diff(result.history, axis=0) <= 0).all()
     np.testing.assert_array_equal(result.history[-1], result.value)
     np.testing.assert_allclose(GRIEWANK.value(result.x), result.value)
 
 
-def test_a_run_of_pso_stops_by_itself():
+def test_each_run_of_pso_stops_at_the_target():
     result = pso(SPHERE.value, SPHERE.bounds(2), particles=30, evaluations=9000, target=1e-2, runs=7, seed=5)
     assert set(result.stopped_by) == {'target'}
     assert len(set(result.generations)) > 1
     assert (result.evaluations == 30 * (result.generations + 1)).all()
 
 
-def test_hde_steps_down_the_gradient_of_the_best_and_keeps_what_is_better():
-    asked, how = [], replace(CLASSIC, generations=30)
-    result = hde(
-        lambda x: asked.append(x.copy()) or SPHERE.value(x), lambda x: 2 * x, SPHERE.bounds(2), how, rate=0.25, runs=3
-    )
-    assert [a.shape for a in asked] == [(3, 18, 2)] + [(3, 2), (3, 18, 2)] * 30
+def test_hde_steps_along_the_gradient_of_the_best_vector_and_keeps_improvements():
+    evaluated, short = [], replace(CLASSIC, generations=30)
+
+    def value(x):
+        evaluated.append(x.copy())
+        return SPHERE.value(x)
+
+    result = hde(value, lambda x: 2 * x, SPHERE.bounds(2), short, rate=0.25, runs=3)
+    assert [x.shape for x in evaluated] == [(3, 18, 2)] + [(3, 2), (3, 18, 2)] * 30
     assert result.evaluations.tolist() == [18 + 30 * 19] * 3
-    for generation, step in enumerate(asked[1::2], start=1):
+    for generation, step in enumerate(evaluated[1::2], start=1):
         np.testing.assert_allclose(SPHERE.value(step), result.history[generation - 1] / 4, rtol=1e-12)
-        assert (result.history[generation] <= SPHERE.value(step) * (1 + 1e-12)).all(), 'a step that is better is kept'
+        assert (result.history[generation] <= SPHERE.value(step) * (1 + 1e-12)).all(), 'a better step is kept'

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tables from made-up runs whose outcome is known."""
+"""Tables of synthetic runs with known outcomes."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ from pendubot_identification.paper.trials import ALGORITHMS, IDENTIFICATION, PER
 
 
 def outcome(function, algorithm, values, spent=100, n=2, threshold=None):
-    """Runs that took a tenth as many generations as function values."""
+    """Return runs with ten function values per generation."""
     reasons = tuple('target' if value <= 1e-5 else 'generations' for value in values)
     taken = np.full(len(values), spent // 10)
     result = OptimizationResult(np.zeros((len(values), n)), np.array(values), taken, np.array([values]), reasons, 0, 10)
@@ -31,7 +31,7 @@ def columns(table, name):
 
 @pytest.fixture
 def competition():
-    """MDE reaches the target everywhere; DE too, with half the values; PSO nowhere; HDE everywhere but on Griewank."""
+    """MDE and DE always reach the target, DE with half the evaluations; PSO never; HDE except on Griewank."""
     values = {'PSO': [1e-3] * 20, 'DE': [2e-6] * 20, 'HDE': [3e-6] * 20, 'MDE': [4e-6] * 20}
     spent = {'PSO': 4020, 'DE': 500, 'HDE': 1000, 'MDE': 1000}
     return [
@@ -41,7 +41,7 @@ def competition():
     ]
 
 
-def test_table_4_stands_beside_the_papers(competition):
+def test_table_4_is_compared_with_the_papers(competition):
     table, order, pace = paper_tables.table_4(competition, 2)
     assert columns(table, 'average')[:4] == [1e-3, 2e-6, 3e-6, 4e-6]
     assert columns(table, 'average, paper') == [TABLE_4[f.name, a][AVERAGE] for f in FUNCTIONS for a in ALGORITHMS]
@@ -60,7 +60,7 @@ def test_table_4_stands_beside_the_papers(competition):
     assert columns(times, 'paper [s]')[0] == 0.1910
 
 
-def test_the_sweep_names_the_quickest_threshold_that_arrives_most_often():
+def test_the_sweep_reports_the_fastest_of_the_most_reliable_thresholds():
     good, bad = [1e-6] * 4, [1e-6, 1, 1, 1]
     outcomes = [
         outcome(problem, algorithm, values, spent, threshold=threshold)
@@ -75,7 +75,7 @@ def test_the_sweep_names_the_quickest_threshold_that_arrives_most_often():
     assert columns(paper_tables.operator_table(outcomes), 'component over vector') == [1.0, 1.0]
 
 
-def test_dimensions_count_who_is_first():
+def test_dimensions_count_the_comparisons_that_each_algorithm_wins():
     outcomes = [
         outcome(f.name, algorithm, values, spent, n=n)
         for n in (2, 10)
@@ -96,7 +96,7 @@ def test_dimensions_count_who_is_first():
     assert len(errors.rows) == 24
 
 
-def test_a_table_is_the_same_as_markdown_and_csv():
+def test_a_table_is_written_as_markdown_and_csv():
     values = [1.23456789, 3.03e-6, 34, math.nan, 0.0, None]
     table = Table('t', 'Title', {'name': ['a, b', *'cdefg'], 'value': values}, ['A note.'])
     shown = ['1.235', '3.03e-6', '34', '–', '0', '']

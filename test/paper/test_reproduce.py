@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""pendubot reproduce from outside: files, the same bytes every time, and one sentence for each mistake."""
+"""The command pendubot reproduce: its files, its reproducibility, and its error messages."""
 
 import re
 import signal
@@ -15,7 +15,7 @@ from pendubot_identification.paper import reproduction, trials
 
 TABLES = ('table4', 'table4_order', 'table4_pace', 'table7', 'table8', 'threshold', 'operator')
 TABLES += ('dimensions', 'dimensions_errors')
-#: What is measured, and so differs.
+#: Files of measured times, which differ between runs.
 TIMES = {'times.md', 'times.csv'}
 
 
@@ -23,8 +23,8 @@ def files(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob('*') if path.is_file()}
 
 
-def fewer(monkeypatch):
-    """Every part in a few seconds: fewer runs, generations, thresholds and dimensions."""
+def shorten(monkeypatch):
+    """Reduce runs, generations, thresholds and dimensions, so that every part takes seconds."""
     short = {name: replace(how, generations=60) for name, how in trials.SETTINGS.items()}
     for name, value in {'MANY': 2, 'SETTINGS': short, 'SWEEP': 2, 'SWEEP_GENERATIONS': 100}.items():
         monkeypatch.setattr(trials, name, value)
@@ -33,37 +33,37 @@ def fewer(monkeypatch):
 
 
 @pytest.fixture(scope='module')
-def everything(tmp_path_factory):
-    """The folder of a small reproduction, made while the user prefers another style."""
+def reproduced(tmp_path_factory):
+    """Return the folder of a short reproduction, under another matplotlib style of the user."""
     folder = tmp_path_factory.mktemp('reproduced') / 'new' / 'paper'
     with pytest.MonkeyPatch.context() as monkeypatch, matplotlib.rc_context({'axes.facecolor': 'red'}):
-        fewer(monkeypatch)
+        shorten(monkeypatch)
         assert main(['reproduce', '--runs', '2', '--seed', '3', '--output', str(folder)]) == 0
     return folder
 
 
-def test_everything_lands_in_one_folder(everything):
+def test_all_files_are_written_to_one_folder(reproduced):
     expected = {'index.md', *TIMES, 'figures/figure1.png', 'figures/figure1.svg'}
     expected |= {f'tables/{name}.{ending}' for name in TABLES for ending in ('md', 'csv')}
-    assert set(files(everything)) == expected
-    index = (everything / 'index.md').read_text()
+    assert set(files(reproduced)) == expected
+    index = (reproduced / 'index.md').read_text()
     assert 'pendubot reproduce --runs 2 --seed 3' in index
     assert 'Not finished' not in index
     for name in TABLES:
-        assert (everything / 'tables' / f'{name}.md').read_text() in index
+        assert (reproduced / 'tables' / f'{name}.md').read_text() in index
     for target in re.findall(r'\]\(([^)]+)\)', index):
-        assert (everything / target).exists(), target
+        assert (reproduced / target).exists(), target
 
 
-def test_the_same_seed_gives_the_same_bytes_and_a_part_is_the_same_alone(everything, tmp_path, monkeypatch, run):
-    fewer(monkeypatch)
+def test_the_same_seed_gives_the_same_bytes_also_for_single_parts(reproduced, tmp_path, monkeypatch, run):
+    shorten(monkeypatch)
     parts = ('--only', 'figure1,table8,threshold', '--seed', '3', '--output', tmp_path)
     (tmp_path / 'index.md').write_text('mine')
     status, _, err = run('reproduce', '--runs', 2, *parts)
     assert (status, files(tmp_path)) == (1, {'index.md': b'mine'})
     assert 'exists already and is not empty' in err
-    assert run('reproduce', '--runs', 2, *parts, '--force')[::2] == (0, ''), 'no progress where nobody watches'
-    first, again = files(everything), files(tmp_path)
+    assert run('reproduce', '--runs', 2, *parts, '--force')[::2] == (0, ''), 'no progress without a terminal'
+    first, again = files(reproduced), files(tmp_path)
     assert {'tables/threshold.md', 'tables/table8.csv', 'figures/figure1.svg', 'figures/figure1.png'} <= set(again)
     assert {name for name in again if first[name] != again[name]} == {'index.md'}
     other = ('--only', 'threshold', '--seed', 4, '--output', tmp_path, '--force')
@@ -81,7 +81,7 @@ def test_the_same_seed_gives_the_same_bytes_and_a_part_is_the_same_alone(everyth
         ('--only table4,figure2', 2, f"there is no 'figure2'; name some of {', '.join(reproduction.PARTS)}"),
     ],
 )
-def test_what_makes_no_sense_is_refused_and_nothing_is_written(
+def test_invalid_options_are_refused_and_nothing_is_written(
     tmp_path, monkeypatch, refused, arguments, status, sentence
 ):
     monkeypatch.chdir(tmp_path)
@@ -90,9 +90,9 @@ def test_what_makes_no_sense_is_refused_and_nothing_is_written(
     assert files(tmp_path) == {'file': b'a file'}
 
 
-def test_an_interrupt_keeps_what_is_done(tmp_path, monkeypatch, refused):
+def test_an_interrupt_keeps_finished_parts(tmp_path, monkeypatch, refused):
     """Ctrl-C in the third trial of the sweep."""
-    fewer(monkeypatch)
+    shorten(monkeypatch)
     minimise, calls = trials.mde, []
 
     def interrupted(*arguments, **options):
@@ -102,8 +102,8 @@ def test_an_interrupt_keeps_what_is_done(tmp_path, monkeypatch, refused):
         return minimise(*arguments, **options)
 
     monkeypatch.setattr(trials, 'mde', interrupted)
-    said = refused('reproduce', '--only', 'table7,threshold', '--runs', 1, '--output', tmp_path / 'out')
-    assert f'interrupted; finished parts in {tmp_path / "out"}: table7. For the rest' in said
+    message = refused('reproduce', '--only', 'table7,threshold', '--runs', 1, '--output', tmp_path / 'out')
+    assert f'interrupted; finished parts in {tmp_path / "out"}: table7. For the rest' in message
     index = (tmp_path / 'out' / 'index.md').read_text()
     assert 'Not finished:** threshold' in index
     assert (tmp_path / 'out' / 'tables' / 'table7.md').read_text() in index

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper's Table 3, equal budgets, what must come of them, and how runs are compared."""
+"""Trials with the paper's settings: budgets, results, and the comparison of runs."""
 
 import numpy as np
 import pytest
@@ -15,16 +15,15 @@ from pendubot_identification.paper.trials import ALGORITHMS, TARGET, compete, ra
 
 
 @pytest.mark.parametrize('algorithm', ALGORITHMS)
-def test_a_budget_is_the_same_for_everyone(algorithm):
-    """A run ends with the generation in which it is spent."""
+def test_every_algorithm_ends_with_the_generation_that_exhausts_the_budget(algorithm):
     result = compete(algorithm, FUNCTIONS[3], 10, runs=2, evaluations=3000)
     assert set(result.stopped_by) == {'generations'}
     assert (result.evaluations >= 3000).all()
     assert (result.evaluations < 3000 + result.per_generation).all()
 
 
-def test_with_the_default_seed_the_papers_table_4_comes_out():
-    """MDE reaches the target, on Griewank in 96 of 100 runs; PSO's averages lie within a factor of 3 of the paper's."""
+def test_the_default_seed_reproduces_the_papers_table_4():
+    """MDE reaches the target, on Griewank in 96 of 100 runs; PSO's averages are within a factor of 3 of the paper's."""
     generations = {}
     for f in FUNCTIONS:
         for algorithm in ('PSO', 'MDE'):
@@ -44,7 +43,7 @@ runs = st.lists(
 
 
 @given(runs, runs)
-def test_ranks_order_runs_as_they_say(first, second):
+def test_ranks_order_runs_by_error_or_by_evaluations_to_the_target(first, second):
     results = [
         OptimizationResult(None, np.array(value), np.array(spent), None, (), 0, 1)
         for value, spent in (zip(*sample, strict=True) for sample in (first, second))

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags that tests write: with this package, and as other programs do."""
+"""Bags written by this package and by the MCAP library."""
 
 from mcap.writer import Writer
 from rosbags.interfaces import QosDurability
@@ -26,19 +26,19 @@ def message(k):
 
 
 def samples(n=1000, **changed):
-    """Return n samples of 0.01 s; ``changed`` are other stamps, names, positions, velocities or efforts, by k."""
-    usual = {
+    """Return n samples, one every 0.01 s; ``changed`` are functions of k that replace entries."""
+    entries = {
         'stamp': lambda k: START + k * STEP,
         'names': lambda k: JOINTS,
         'position': lambda k: (0.001 * k, -0.001 * k),
         'velocity': lambda k: (0.1, -0.1),
         'effort': lambda k: (k, 0.0),
     } | changed
-    return [tuple(usual[key](k) for key in ('stamp', 'names', 'position', 'velocity', 'effort')) for k in range(n)]
+    return [tuple(entries[key](k) for key in ('stamp', 'names', 'position', 'velocity', 'effort')) for k in range(n)]
 
 
 def write(path, samples, topic=TOPIC, logged=lambda k: START + k * STEP + 3_000_000, bag=None):
-    """Write samples with their log times into a bag; return its path."""
+    """Write samples with log times into a bag; return its path."""
     with bag or BagWriter(path) as bag:
         channel = bag.add_topic(topic, JOINT_STATE)
         for k, sample in enumerate(samples):
@@ -47,7 +47,7 @@ def write(path, samples, topic=TOPIC, logged=lambda k: START + k * STEP + 3_000_
 
 
 def foreign(path, messages, chunk_size=4000, **options):
-    """Write messages (stamp, bytes) as other programs do; return the file's bytes without its end."""
+    """Write messages (stamp, bytes) by the MCAP library; return the bytes of the file if it were not closed."""
     with path.open('wb') as file:
         writer = Writer(file, chunk_size=chunk_size, **options)
         writer.start(profile='ros2')
@@ -56,6 +56,6 @@ def foreign(path, messages, chunk_size=4000, **options):
         for stamp, data in messages:
             writer.add_message(channel, stamp, data, stamp)
         writer.flush()
-        end = file.tell()
+        size = file.tell()
         writer.finish()
-    return path.read_bytes()[:end]
+    return path.read_bytes()[:size]

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags cut anywhere and with bytes changed anywhere: the fate of every message. Trials from seeds."""
+"""Seeded trials with truncated and corrupted bags; every message is accounted for."""
 
 import random
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ TOPICS = ('/joint_states', '/other')
 
 
 def write(path, *, closed=True):
-    """Write a bag of two topics; without its end, as SIGKILL leaves it, if wanted. Return what is in it."""
+    """Write a bag of two topics, closed or as after SIGKILL. Return its messages."""
     sent = []
     bag = BagWriter(path)
     channels = [bag.add_topic(name, JOINT_STATE) for name in TOPICS]
@@ -29,10 +29,10 @@ def write(path, *, closed=True):
         bag.write(channels[k % 2], data, stamp, sequence=1 + k // 2)
         sent.append((TOPICS[k % 2], stamp, data))
     bag.flush()
-    left = bag.file.read_bytes()
+    unclosed = bag.file.read_bytes()
     bag.close()
     if not closed:
-        bag.file.write_bytes(left)
+        bag.file.write_bytes(unclosed)
         (path / 'metadata.yaml').unlink()
     return sent
 
@@ -41,14 +41,14 @@ def write(path, *, closed=True):
 class Outcome:
     """The result of reading and repairing a damaged bag."""
 
-    silent: int = 0  #: messages that were accepted though they were never sent, or are missing without a word.
-    read: int = 0  #: messages that a reader gave.
+    silent: int = 0  #: messages accepted though never sent, or missing without a report.
+    read: int = 0  #: messages of the reader.
     saved: int = 0  #: messages in a repaired copy.
     refused: bool = False  #: whether the bag was refused in one sentence.
 
 
 def examine(path, copy, sent):
-    """Read and repair a bag that may be damaged, as a user would; anything but a BagError is a crash."""
+    """Read and repair a bag that may be damaged; only a BagError is accepted."""
     outcome, known = Outcome(), set(sent)
     try:
         reader = BagReader(path)
@@ -75,12 +75,12 @@ def examine(path, copy, sent):
 
 
 def cut(data, random_):
-    """Return the beginning of a file."""
+    """Return data truncated at a random byte."""
     return data[: random_.randrange(len(data))]
 
 
 def change(data, random_, count=1):
-    """Return a file with bytes changed."""
+    """Return data with random bytes changed."""
     changed = bytearray(data)
     for _ in range(count):
         changed[random_.randrange(len(data))] ^= random_.randrange(1, 256)
@@ -88,7 +88,7 @@ def change(data, random_, count=1):
 
 
 def change_five(data, random_):
-    """Return a file with five bytes changed."""
+    """Return data with five random bytes changed."""
     return change(data, random_, 5)
 
 
@@ -100,14 +100,14 @@ def flip(file, at, bits=1):
 
 
 def damaged_bags(folder, trials, alter, *, closed=True, seed=1):
-    """Yield the outcome of each of so many damages to a bag, and how many messages stand in what is left of it."""
+    """Yield the outcome of each trial, and the number of messages before the end of the damaged file."""
     random_ = random.Random(seed)
     path = folder / 'bag'
     sent = write(path, closed=closed)
     file = path / 'bag_0.mcap'
-    whole = file.read_bytes()
-    ends = [whole.index(data) + len(data) for _, _, data in sent]
+    intact = file.read_bytes()
+    ends = [intact.index(data) + len(data) for _, _, data in sent]
     for k in range(trials):
-        data = alter(whole, random_)
+        data = alter(intact, random_)
         file.write_bytes(data)
         yield examine(path, folder / f'copy{k}', sent), sum(end <= len(data) for end in ends)

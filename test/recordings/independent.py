@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags read by libraries that are not ours."""
+"""Bags read by the libraries rosbags and mcap."""
 
 from collections import Counter
 from contextlib import suppress
@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Reader
 
 
 def by_rosbags(path):
-    """Return (topic, log time, bytes) of every message, and what the metadata counts."""
+    """Return (topic, log time, bytes) of every message; check the counts of the metadata."""
     with Reader(path) as reader:
         messages = [(connection.topic, at, bytes(data)) for connection, at, data in reader.messages()]
         counts = {name: topic.msgcount for name, topic in reader.topics.items()}
@@ -25,7 +25,7 @@ def by_rosbags(path):
 
 
 def by_mcap(path):
-    """Return (topic, log time, bytes) of every message of all files, checksums checked, in the order of writing."""
+    """Return (topic, log time, bytes) of every message of all files in the order of writing; verify checksums."""
     messages = []
     files = sorted(path.glob('*.mcap'), key=lambda file: (len(file.name), file.name))
     for each in files:
@@ -41,7 +41,7 @@ def by_mcap(path):
 
 
 class Part(NamedTuple):
-    """A chunk: where its record begins and ends, and its messages as (topic, log time, bytes)."""
+    """A chunk: begin and end of its record, and its messages as (topic, log time, bytes)."""
 
     begin: int
     end: int
@@ -49,7 +49,7 @@ class Part(NamedTuple):
 
 
 def chunks(path):
-    """Return the chunks of a file, closed or not, as the MCAP library reads them."""
+    """Return the chunks of a file, closed or not."""
     parts, topics, data, at = [], {}, path.read_bytes(), 0
     with path.open('rb') as file, suppress(EndOfFile):
         for record in StreamReader(file, emit_chunks=True).records:

@@ -40,7 +40,7 @@ def test_windows_are_parsed(text, start, end):
     assert BagWindow.parse(str(window)) == window
 
 
-def test_a_path_may_hold_an_at_sign(tmp_path):
+def test_a_path_may_contain_an_at_sign(tmp_path):
     (tmp_path / 'rig@5').mkdir()
     assert BagWindow.parse(f'{tmp_path}/rig@5') == BagWindow(tmp_path / 'rig@5')
 
@@ -48,51 +48,51 @@ def test_a_path_may_hold_an_at_sign(tmp_path):
 @pytest.mark.parametrize(
     'window', ['', '5', '1:2:3', 'one:2', '3:3', '4:3', '-1:3', ':-1', 'nan:3', '1:nan', 'inf:', ':inf']
 )
-def test_a_malformed_window_is_one_sentence(window):
+def test_a_malformed_window_is_refused_in_one_sentence(window):
     with pytest.raises(BagError, match=f'bag@{window}.* names no window'):
         BagWindow.parse(f'bag@{window}')
 
 
-def test_a_bag_is_counted_by_topic_and_it_and_its_file_are_the_same_motion(bag):
+def test_a_bag_and_its_file_give_the_same_motion_and_counts(bag):
     reader = BagReader(bag)
     assert reader.topics == {TOPIC: (JOINT_STATE, 1000)}
     assert (reader.closed, reader.note, reader.count, reader.duration) == (True, '', 1000, 9.99)
     assert reader.first_ns == START + 3_000_000
     for path in (bag, bag / 'bag_0.mcap'):
-        whole = read_trajectory(path)
-        assert whole.closed
-        assert whole.sha256 == hashlib.sha256((bag / 'bag_0.mcap').read_bytes()).hexdigest()
-        assert whole.trajectory.name == str(path)
-        np.testing.assert_array_equal(whole.trajectory.t, np.arange(1000) * STEP / 1e9)
+        recorded = read_trajectory(path)
+        assert recorded.closed
+        assert recorded.sha256 == hashlib.sha256((bag / 'bag_0.mcap').read_bytes()).hexdigest()
+        assert recorded.trajectory.name == str(path)
+        np.testing.assert_array_equal(recorded.trajectory.t, np.arange(1000) * STEP / 1e9)
         for name, expected in (('q', [0.007, -0.007]), ('tau', [7, 0]), ('qd', [0.1, -0.1])):
-            np.testing.assert_array_equal(getattr(whole.trajectory, name)[7], expected)
+            np.testing.assert_array_equal(getattr(recorded.trajectory, name)[7], expected)
 
 
 @pytest.mark.parametrize(
     ('start', 'end', 'first', 'last'),
     [(0, 9, 0, 899), (9, None, 900, 999), (None, 0.5, 0, 49), (2.005, 3.005, 201, 300), (5, 100, 500, 999)],
 )
-def test_a_window_counts_from_the_bags_first_sample(bag, start, end, first, last):
+def test_a_window_is_relative_to_the_first_sample_of_the_bag(bag, start, end, first, last):
     trajectory = read_trajectory(BagWindow(bag, start, end)).trajectory
     np.testing.assert_array_equal(trajectory.tau[[0, -1], 0], [first, last])
     np.testing.assert_array_equal(trajectory.t[[0, -1]], [first * STEP / 1e9, last * STEP / 1e9])
 
 
-def test_stamps_of_another_clock_are_found(tmp_path):
-    # From the third second on the log's clock is half a minute ahead: the index leads astray.
+def test_windows_of_stamps_are_found_although_the_log_clock_jumps(tmp_path):
+    # From 3 s on, the log clock is 30 s ahead, so that the index is misleading.
     path = write(tmp_path / 'bag', samples(), logged=lambda k: START + k * STEP + 30 * 10**9 * (k >= 300))
     trajectory = read_trajectory(BagWindow(path, 2, 6)).trajectory
     np.testing.assert_array_equal(trajectory.tau[[0, -1], 0], [200, 599])
 
 
-def test_any_two_joints_of_any_topic_may_be_named(tmp_path):
+def test_any_two_joints_of_any_topic_may_be_selected(tmp_path):
     path = write(tmp_path / 'bag', samples(100, names=lambda k: ('gripper', 'elbow')), topic='/rig/joints')
     trajectory = read_trajectory(path, Conversion(topic='/rig/joints', joints=('elbow', 'gripper'))).trajectory
     np.testing.assert_array_equal(trajectory.tau[:, 1], np.arange(100))
 
 
-def test_a_measured_current_times_the_motors_constant_is_the_torque(tmp_path):
-    """As the bridge records it beside the commanded torque."""
+def test_a_measured_current_is_converted_to_a_torque(tmp_path):
+    """The bridge records it beside the commanded torque."""
     three = {
         'names': lambda k: (*JOINTS, 'shoulder_current'),
         'position': lambda k: (0, 0, 0),
@@ -104,7 +104,7 @@ def test_a_measured_current_times_the_motors_constant_is_the_torque(tmp_path):
     np.testing.assert_array_equal(read_trajectory(path).trajectory.tau, [(9, 0)] * 100)
 
 
-def test_splits_are_read_in_order(tmp_path):
+def test_the_files_of_a_split_bag_are_read_in_order(tmp_path):
     path = tmp_path / 'bag'
     path.mkdir()
     for k in range(12):
@@ -119,22 +119,22 @@ def test_splits_are_read_in_order(tmp_path):
     st.sampled_from([1, 1500]),
     st.booleans(),
 )
-def test_messages_come_in_the_order_of_log_time_as_mcap_reads_them(tmp_path_factory, numbers, window, block, closed):
-    """Threads of a recorder write messages out of order, also into later chunks."""
+def test_messages_are_read_in_the_order_of_log_time(tmp_path_factory, numbers, window, block, closed):
+    """The threads of a recorder write messages out of order, also into later chunks."""
     file = tmp_path_factory.getbasetemp() / 'unordered.mcap'
-    left = foreign(file, [(message(n)[0], message(k)[1]) for k, n in enumerate(numbers)], chunk_size=500)
+    unclosed = foreign(file, [(message(n)[0], message(k)[1]) for k, n in enumerate(numbers)], chunk_size=500)
     with file.open('rb') as stream:
         start, end = (START + bound * STEP for bound in window)
         expected = make_reader(stream).iter_messages(starting_at=start, ending_before=end)
         expected = [(each.log_time, each.data) for _, _, each in expected]
     if not closed:
-        file.write_bytes(left)
+        file.write_bytes(unclosed)
     with mock.patch.object(mcap_file, 'LIMITS', replace(mcap_file.LIMITS, block=block)):
         messages = chain.from_iterable(mcap_file.McapFile(file).messages([TOPIC], start, end))
         found = [(each.log_time, each.data) for each in messages]
     assert [at for at, _ in found] == [at for at, _ in expected]
     assert sorted(found) == sorted(expected)
-    # Messages of the same time stay in the order of writing, if the times of chunks do not overlap.
+    # Messages with equal log times keep the order of writing if the chunks do not overlap in time.
     assert found == expected or numbers != sorted(numbers)
 
 
@@ -161,20 +161,20 @@ def test_files_of_other_writers_are_read(tmp_path, options, closed):
     np.testing.assert_array_equal(recorded.trajectory.tau[:, 0], np.arange(50, 200))
 
 
-def test_a_damaged_index_hides_no_message(bag, tmp_path):
+def test_messages_are_found_despite_a_damaged_index(bag, tmp_path):
     path = shutil.copytree(bag, tmp_path / 'bag')
-    whole = (path / 'bag_0.mcap').read_bytes()
-    # The time of a chunk's first message stands in the file for the last time in the index.
+    intact = (path / 'bag_0.mcap').read_bytes()
+    # The last occurrence of the time of a chunk's first message is in the index.
     first = mcap_file.McapFile(path / 'bag_0.mcap')._index[-1, 0]
-    at = whole.rindex(int(first).to_bytes(8, 'little'))
-    (path / 'bag_0.mcap').write_bytes(whole[: at + 6] + bytes([whole[at + 6] ^ 64]) + whole[at + 7 :])
+    at = intact.rindex(int(first).to_bytes(8, 'little'))
+    (path / 'bag_0.mcap').write_bytes(intact[: at + 6] + bytes([intact[at + 6] ^ 64]) + intact[at + 7 :])
     read = read_trajectory(BagWindow(path, 0, 9.99))
     assert len(read.trajectory) == 999
     assert not read.closed
     assert 'damaged' in read.note
 
 
-def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
+def test_damage_in_a_closed_file_is_reported_and_a_window_can_avoid_it(bag, tmp_path):
     path = shutil.copytree(bag, tmp_path / 'bag')
     flip(path / 'bag_0.mcap', (path / 'bag_0.mcap').read_bytes().index(encode_joint_state(*samples()[500])) + 60)
     with pytest.raises(BagError, match=r'is damaged \d+ bytes from its start, 4\.\d+ s after its first message'):
@@ -190,16 +190,16 @@ def test_damage_in_a_closed_file_is_named_and_can_be_avoided(bag, tmp_path):
         (b't,q1,q2\n1,2,3', 'is no MCAP file'),
     ],
 )
-def test_no_bag_is_one_sentence(tmp_path, content, sentence):
+def test_a_path_without_a_bag_is_refused_in_one_sentence(tmp_path, content, sentence):
     if content is not None:
         (tmp_path / 'file.mcap').write_bytes(content)
     with pytest.raises(BagError, match=sentence):
         read_trajectory(tmp_path)
-    with pytest.raises(BagError, match=r'there is no bag .*nowhere'):
-        read_trajectory(tmp_path / 'nowhere')
+    with pytest.raises(BagError, match=r'there is no bag .*absent'):
+        read_trajectory(tmp_path / 'absent')
 
 
-def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
+def test_a_missing_topic_and_a_topic_of_another_type_are_refused_in_one_sentence(tmp_path):
     write(tmp_path / 'empty', [])
     assert BagReader(tmp_path / 'empty').closed
     with BagWriter(tmp_path / 'bag') as bag:
@@ -217,7 +217,7 @@ def test_a_topic_that_is_not_there_or_of_another_type_is_one_sentence(tmp_path):
             read_trajectory(tmp_path / name, Conversion(topic=topic))
 
 
-def test_a_sample_that_repeats_the_stamp_before_is_left_out_with_a_count(tmp_path):
+def test_samples_that_repeat_the_previous_stamp_are_dropped_and_counted(tmp_path):
     path = write(tmp_path / 'bag', samples(100, stamp=lambda k: START + (k - (k in (40, 70))) * STEP))
     recorded = read_trajectory(path)
     np.testing.assert_array_equal(recorded.trajectory.tau[[39, 40, 97], 0], [39, 41, 99])
@@ -235,7 +235,7 @@ def test_a_sample_that_repeats_the_stamp_before_is_left_out_with_a_count(tmp_pat
         ({'stamp': lambda k: 0}, TrajectoryError, 'sample 1 repeats'),
     ],
 )
-def test_unusable_samples_are_one_sentence(tmp_path, changed, error, sentence):
+def test_invalid_samples_are_refused_in_one_sentence(tmp_path, changed, error, sentence):
     path = write(tmp_path / 'bag', samples(100, **changed))
     with pytest.raises(error, match=sentence):
         read_trajectory(path)

@@ -57,7 +57,7 @@ def test_rosbags_and_mcap_read_back_every_message(tmp_path):
     assert (first.log_time, first.publish_time, first.sequence) == (START, START - 1000, 1)
 
 
-def test_metadata_is_like_that_of_rosbags(tmp_path):
+def test_the_metadata_has_the_structure_of_rosbags(tmp_path):
     def shape(node):
         if isinstance(node, dict):
             return {key: shape(value) for key, value in node.items()}
@@ -76,7 +76,7 @@ def test_metadata_is_like_that_of_rosbags(tmp_path):
     assert shape(ours) == shape(theirs)
     for key in ('version', 'storage_identifier', 'message_count', 'starting_time', 'topics_with_message_count'):
         assert ours[key] == theirs[key]
-    # Anchors are YAML, but not every reader's.
+    # Not every reader supports anchors of YAML.
     assert '&' not in (path / 'metadata.yaml').read_text()
     with (path / 'bag_0.mcap').open('rb') as file:
         (copy,) = make_reader(file).iter_metadata()
@@ -93,7 +93,7 @@ def test_metadata_is_like_that_of_rosbags(tmp_path):
     ],
     ids=['file', 'empty folder', 'folder', 'bag and more'],
 )
-def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, make):
+def test_only_bags_are_overwritten(tmp_path, make):
     path = tmp_path / 'taken'
     make(path)
     before = contents(tmp_path)
@@ -105,20 +105,20 @@ def test_nothing_but_a_bag_is_ever_overwritten(tmp_path, make):
     assert contents(tmp_path) == before
 
 
-def test_a_killed_writer_loses_at_most_a_tenth_of_a_second_though_the_clock_is_set_back(tmp_path):
+def test_a_killed_writer_loses_at_most_0_1_s_even_if_the_clock_is_set_back(tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
         channel = bag.add_topic(TOPIC, JOINT_STATE)
         for k in range(1000):
             bag.write(channel, message(k)[1], START + (k - 3600 * (k >= 500)) * STEP)
-        # What the system has by now is what a SIGKILL leaves.
-        left = BagReader(tmp_path / 'bag')
-        assert not left.closed
-        assert 'never closed' in left.note
-        assert 990 <= left.count <= 1000
+        # After SIGKILL, the file would have its present content.
+        reader = BagReader(tmp_path / 'bag')
+        assert not reader.closed
+        assert 'never closed' in reader.note
+        assert 990 <= reader.count <= 1000
 
 
-def test_a_disk_that_another_program_fills_is_one_sentence_and_leaves_complete_chunks(tmp_path, monkeypatch):
-    """A limit on a file's size refuses a write as a full disk does; the recorder's test fills the disk itself."""
+def test_a_full_disk_is_reported_in_one_sentence_and_leaves_complete_chunks(tmp_path, monkeypatch):
+    """A limit of the file size stands for the full disk; the test of the recorder fills a disk."""
     monkeypatch.setattr(bag_writer, '_shortage', lambda *_: '')
     bag, numbers = BagWriter(tmp_path / 'bag'), count()
     channel, limits = bag.add_topic(TOPIC, JOINT_STATE), resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -135,10 +135,10 @@ def test_a_disk_that_another_program_fills_is_one_sentence_and_leaves_complete_c
     sent = next(numbers)
     assert sent - 12 <= reader.count <= sent
     assert sum(1 for _ in reader.files[0].scan()) > 10
-    assert reader.files[0].damages == [], 'half a chunk was left at the end'
+    assert reader.files[0].damages == [], 'no incomplete chunk at the end'
 
 
-def test_a_bag_is_not_begun_where_the_reserve_is_gone_already(tmp_path):
+def test_a_bag_is_not_begun_without_the_reserve_of_disk_space(tmp_path):
     free = shutil.disk_usage(tmp_path).free
     with pytest.raises(BagError, match='is not begun: its disk has'):
         BagWriter(tmp_path / 'bag', reserve=free + 10**9)
@@ -146,7 +146,7 @@ def test_a_bag_is_not_begun_where_the_reserve_is_gone_already(tmp_path):
 
 
 @pytest.mark.parametrize('velocities', [True, False])
-def test_a_trajectory_comes_back_as_it_was(tmp_path, velocities):
+def test_a_written_trajectory_is_read_back(tmp_path, velocities):
     t = np.arange(100) * 0.01
     q = np.column_stack([np.sin(t), np.cos(3 * t)])
     trajectory = Trajectory(t=t, q=q, tau=0.5 * q, qd=2 * q if velocities else None)
@@ -159,7 +159,7 @@ def test_a_trajectory_comes_back_as_it_was(tmp_path, velocities):
         np.testing.assert_array_equal(getattr(back, name), getattr(trajectory, name))
 
 
-def test_a_type_of_a_workspace_is_found_with_its_dependencies(tmp_path, monkeypatch):
+def test_a_message_type_of_a_workspace_is_found_with_its_dependencies(tmp_path, monkeypatch):
     folder = tmp_path / 'share' / 'rig_msgs' / 'msg'
     folder.mkdir(parents=True)
     (folder / 'Phase.msg').write_text('float64 current  # A\n')
@@ -174,22 +174,22 @@ def test_a_type_of_a_workspace_is_found_with_its_dependencies(tmp_path, monkeypa
 @pytest.mark.parametrize(
     ('name', 'sentence'),
     [
-        ('nowhere_msgs/msg/Thing', 'is not installed'),
+        ('absent_msgs/msg/Thing', 'is not installed'),
         *((name, 'is no message type') for name in ('Thing', 'a/srv/B', 'a/msg/../B')),
     ],
 )
-def test_an_unknown_type_is_one_sentence(name, sentence):
+def test_an_unknown_message_type_is_refused_in_one_sentence(name, sentence):
     with pytest.raises(BagError, match=sentence):
         message_definition(name)
 
 
-def test_sync_puts_the_file_on_the_disk_and_so_does_the_end(tmp_path, monkeypatch):
+def test_sync_and_close_write_the_file_to_the_disk(tmp_path, monkeypatch):
     synced = []
     fsync = os.fsync
     monkeypatch.setattr(os, 'fsync', lambda fd: synced.append(os.readlink(f'/proc/self/fd/{fd}')) or fsync(fd))
     bag = BagWriter(tmp_path / 'bag')
     folder = str(tmp_path / 'bag')
-    # metadata.yaml, under the name that it has until it is complete, the folder that lists it, and the one above.
+    # metadata.yaml under its temporary name, its folder, and the parent folder.
     listed = [f'{folder}/metadata.yaml.tmp', folder]
     assert synced == [*listed, str(tmp_path)]
     channel = bag.add_topic(TOPIC, JOINT_STATE)

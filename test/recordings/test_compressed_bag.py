@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags that rosbags compressed as rosbag2 does it, and files that claim to be far larger than they are."""
+"""Bags compressed in the modes of rosbag2, and files that decompress to gigabytes."""
 
 import json
 import resource
@@ -27,7 +27,7 @@ from pendubot_identification.recordings.joint_states import JOINT_STATE
 from .bags import FLOAT, START, STEP, TOPIC, message
 from .independent import by_mcap
 
-#: No program that looks at a small file needs more memory than this [bytes], or more time than this [s].
+#: Limits of memory [bytes] and time [s] for a program that reads a small file.
 MEMORY, TIME = 1 << 30, 60
 
 
@@ -78,7 +78,7 @@ def test_intact_messages_of_a_truncated_compressed_bag_are_read(tmp_path, mode):
 
 
 def chunk(data, claimed, compression='zstd'):
-    """Return a chunk's record: its records, perhaps compressed, and how long they are said to be."""
+    """Return the record of a chunk with this content and this claimed size."""
     builder = RecordBuilder()
     Chunk(compression, data, START, START, 0, claimed).write(builder)
     return builder.end()
@@ -86,26 +86,26 @@ def chunk(data, claimed, compression='zstd'):
 
 @cache
 def zeros(size):
-    """Return so many zeros, compressed."""
+    """Return zeros of this size, compressed."""
     packer = zstandard.ZstdCompressor().compressobj()
     block = bytes(1 << 20)
     return b''.join(packer.compress(block) for _ in range(size >> 20)) + packer.flush()
 
 
 def one_message(data):
-    """Return an uncompressed chunk of a message and its channel."""
+    """Return an uncompressed chunk with one message and its channel."""
     builder = RecordBuilder()
     Channel(1, '/x', 'cdr', {}, 0).write(builder)
     Message(1, START, data, START, 1).write(builder)
-    inside = builder.end()
-    return chunk(inside, len(inside), '')
+    content = builder.end()
+    return chunk(content, len(content), '')
 
 
 BOMBS = {
     'a chunk of a gigabyte': lambda: chunk(zeros(1 << 30), 1 << 30),
     'a chunk that claims 2^62 bytes': lambda: chunk(zeros(1 << 20), 1 << 62),
     'a chunk that is longer than it claims': lambda: chunk(zeros(1 << 30), 1 << 20),
-    'a chunk of records of no kind': lambda: chunk(zeros(1 << 26), 1 << 26) * 3,
+    'a chunk of records of unknown types': lambda: chunk(zeros(1 << 26), 1 << 26) * 3,
     'a record that claims 2^62 bytes': lambda: struct.pack('<BQ', 5, 1 << 62) + bytes(100),
     'a message of a gigabyte': lambda: one_message(zeros(1 << 30)),
 }
@@ -123,7 +123,7 @@ print(len(read_trajectory(Path(sys.argv[1])).trajectory))
 
 
 def limited(program, *arguments):
-    """Run Python with little memory and time; return what it prints, without a traceback."""
+    """Run Python with limited memory and time; return stdout and stderr."""
     ended = subprocess.run(
         [sys.executable, '-c', program, *map(str, arguments)],
         capture_output=True,
@@ -135,23 +135,23 @@ def limited(program, *arguments):
     return ended.stdout, ended.stderr
 
 
-def test_files_that_claim_gigabytes_need_little_memory(tmp_path):
+def test_files_that_claim_or_contain_gigabytes_need_little_memory(tmp_path):
     bags = [tmp_path / f'{k}.mcap' for k in range(len(BOMBS))]
     for bag, bomb in zip(bags, BOMBS.values(), strict=True):
         bag.write_bytes(b'\x89MCAP0\r\n' + bomb() + one_message(FLOAT + b'whole'))
     zstd = tmp_path / 'bag.mcap.zstd'
     zstd.write_bytes(zeros(1 << 30))
-    said, refused = limited(INFO, *bags, zstd)
-    *each, last, _ = said.split('---')
-    for name, one in zip(BOMBS, each, strict=True):
-        info = json.loads(one.removesuffix('0'))
+    output, errors = limited(INFO, *bags, zstd)
+    *outputs, status, _ = output.split('---')
+    for name, text in zip(BOMBS, outputs, strict=True):
+        info = json.loads(text.removesuffix('0'))
         assert (info['messages'], info['closed'], info['damaged'][0]['offset']) == (1, False, 8), name
-    assert last == '1'
-    (line,) = refused.splitlines()
+    assert status == '1'
+    (line,) = errors.splitlines()
     assert 'is no bag: decompressed it would be over 1000 times as large' in line
 
 
-def test_a_bag_that_compressed_well_needs_little_memory(tmp_path):
+def test_a_highly_compressed_bag_needs_little_memory(tmp_path):
     with (tmp_path / 'bag.mcap').open('wb') as file:
         writer = mcap.Writer(file, compression=mcap.CompressionType.ZSTD)
         writer.start(profile='ros2')

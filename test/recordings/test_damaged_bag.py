@@ -21,32 +21,32 @@ from . import damage
 from .bags import FLOAT, LATCHED, START, TOPIC, foreign, message
 from .independent import by_mcap, by_rosbags, chunks
 
-#: A chunk holds so many messages here.
+#: Number of messages in a chunk.
 CHUNK = 11
 
 
 @pytest.fixture(autouse=True)
-def power_that_never_fails(monkeypatch):
-    """Hundreds of bags need not be on the disk."""
+def without_fsync(monkeypatch):
+    """Save the time of writing hundreds of bags to the disk."""
     monkeypatch.setattr(os, 'fsync', lambda _: None)
 
 
 @pytest.mark.parametrize('closed', [True, False])
 @pytest.mark.parametrize(('alter', 'trials'), [(damage.cut, 12), (damage.change, 15), (damage.change_five, 15)])
 def test_intact_messages_are_read_and_saved_and_losses_are_reported(tmp_path, alter, trials, closed):
-    for outcome, left in damage.damaged_bags(tmp_path, trials, alter, closed=closed):
+    for outcome, before in damage.damaged_bags(tmp_path, trials, alter, closed=closed):
         assert outcome.silent == 0
         lost = {damage.cut: 0, damage.change: 1, damage.change_five: 5}[alter] * CHUNK
-        assert left - lost <= outcome.saved <= left
-        assert outcome.refused or left - lost <= outcome.read <= left
+        assert before - lost <= outcome.saved <= before
+        assert outcome.refused or before - lost <= outcome.read <= before
         if alter is damage.cut:
             assert outcome.saved == outcome.read
 
 
 @pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 @pytest.mark.parametrize('chunk_size', [1 << 20, 1 << 30])
-def test_of_a_chunk_that_the_end_of_the_file_cuts_all_is_saved_that_is_there(tmp_path, compression, chunk_size):
-    """Also if the bag is one chunk."""
+def test_messages_before_the_cut_of_a_truncated_chunk_are_saved(tmp_path, compression, chunk_size):
+    """With the larger chunk size the bag is one chunk."""
     sent, file = list(map(message, range(9000))), tmp_path / 'bag.mcap'
     foreign(file, sent, chunk_size, compression=compression)
     (*_, last) = chunks(file)
@@ -63,7 +63,7 @@ def test_of_a_chunk_that_the_end_of_the_file_cuts_all_is_saved_that_is_there(tmp
 @pytest.mark.parametrize('place', ['chunk', 'index behind it', 'first chunk'])
 @pytest.mark.parametrize(('at', 'flip'), [(0, 1), (1, 0x80), (2, 1), (5, 0xFF), (8, 0x80), (60, 1)])
 def test_a_damaged_chunk_loses_only_its_own_messages(tmp_path, place, at, flip):
-    """The bytes 1 to 8 are a length, which leads past what is whole."""
+    """Bytes 1 to 8 of a record are its length."""
     sent = damage.write(tmp_path / 'bag', closed=False)
     file = tmp_path / 'bag' / 'bag_0.mcap'
     found = chunks(file)
@@ -91,18 +91,18 @@ def test_repairing_an_intact_bag_copies_it(tmp_path):
     assert by_mcap(tmp_path / 'copy') == by_mcap(path) == by_rosbags(tmp_path / 'copy')
 
 
-@pytest.mark.parametrize('left', [0, 20, None], ids=['empty', 'half', 'gone'])
-def test_a_lost_part_of_a_split_bag_is_reported(tmp_path, capsys, left):
+@pytest.mark.parametrize('size', [0, 20, None], ids=['empty', 'truncated', 'missing'])
+def test_a_lost_file_of_a_split_bag_is_reported(tmp_path, capsys, size):
     with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/other', 'std_msgs/msg/Float64')
     metadata, (file,) = tmp_path / 'bag' / 'metadata.yaml', (tmp_path / 'bag').glob('*.mcap')
     metadata.write_text(metadata.read_text().replace('- bag_0.mcap', '- bag_0.mcap\n  - bag_1.mcap.zstd'))
-    if left is not None:
-        (tmp_path / 'bag' / 'bag_1.mcap.zstd').write_bytes(b'\x28\xb5\x2f\xfd' + bytes(left) if left else b'')
+    if size is not None:
+        (tmp_path / 'bag' / 'bag_1.mcap.zstd').write_bytes(b'\x28\xb5\x2f\xfd' + bytes(size) if size else b'')
     assert main(['repair', str(tmp_path / 'bag'), '--json', '--output', str(tmp_path / 'copy')]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert not told['whole']
-    assert [(each['closed'], bool(each['unread'])) for each in told['files']] == [(True, False), (False, True)]
+    report = json.loads(capsys.readouterr().out)
+    assert not report['whole']
+    assert [(each['closed'], bool(each['unread'])) for each in report['files']] == [(True, False), (False, True)]
     assert main(['repair', str(tmp_path / 'bag'), '--output', str(tmp_path / 'again')]) == 0
     text = capsys.readouterr().out
     assert 'bag_1.mcap.zstd' in text
@@ -111,7 +111,7 @@ def test_a_lost_part_of_a_split_bag_is_reported(tmp_path, capsys, left):
 
 
 @pytest.mark.parametrize(
-    ('output', 'overwrite', 'left', 'sentence'),
+    ('output', 'overwrite', 'size', 'sentence'),
     [
         ('bag', True, None, 'is the bag itself, inside it or contains it'),
         ('bag/inside', True, None, 'is the bag itself, inside it or contains it'),
@@ -120,11 +120,11 @@ def test_a_lost_part_of_a_split_bag_is_reported(tmp_path, capsys, left):
         ('copy', False, 40, 'no intact message'),
     ],
 )
-def test_a_refused_repair_is_one_sentence_and_changes_nothing(tmp_path, output, overwrite, left, sentence):
+def test_a_refused_repair_is_reported_in_one_sentence_and_changes_nothing(tmp_path, output, overwrite, size, sentence):
     damage.write(tmp_path / 'bag')
     shutil.copytree(tmp_path / 'bag', tmp_path / 'taken')
     file = tmp_path / 'bag' / 'bag_0.mcap'
-    file.write_bytes(file.read_bytes()[:left])
+    file.write_bytes(file.read_bytes()[:size])
     before = contents(tmp_path)
     with pytest.raises(BagError, match=sentence):
         repair(tmp_path / 'bag', tmp_path / output, overwrite=overwrite)
@@ -137,14 +137,14 @@ def unclosed(folder, data):
     return folder
 
 
-def test_without_checksums_a_chunk_with_a_wrong_length_is_damaged(tmp_path):
+def test_a_wrong_length_in_a_chunk_without_checksum_is_detected(tmp_path):
     options = {'compression': CompressionType.NONE, 'enable_crcs': False}
     data = bytearray(foreign(tmp_path / 'file', map(message, range(300)), **options))
     found = chunks(tmp_path / 'file')
     hit = found.pop(len(found) // 2)
     data[hit.end - len(message(0)[1]) - 30] ^= 0x40  # the length of its last message
-    reader, left = BagReader(unclosed(tmp_path / 'bag', data)), [each for chunk in found for each in chunk.messages]
+    reader, intact = BagReader(unclosed(tmp_path / 'bag', data)), [each for chunk in found for each in chunk.messages]
     assert not reader.closed
-    assert f'{len(left)} intact messages' in reader.note
-    assert [(TOPIC, each.log_time, each.data) for part in reader.messages([TOPIC]) for each in part] == left
-    assert (reader.first_ns, reader.last_ns, reader.count) == (left[0][1], left[-1][1], len(left))
+    assert f'{len(intact)} intact messages' in reader.note
+    assert [(TOPIC, each.log_time, each.data) for part in reader.messages([TOPIC]) for each in part] == intact
+    assert (reader.first_ns, reader.last_ns, reader.count) == (intact[0][1], intact[-1][1], len(intact))

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Windows of a recording: each that is not what the user asked for is named in one sentence."""
+"""Windows of recordings, and messages about windows without data."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from test.virtual import recording
 
 
 def write(path, motion):
-    """Write a bag or, by the ending of its name, a file with columns."""
+    """Write a bag, or a table if the path has a suffix."""
     if path.suffix:
         rows = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
         np.savetxt(path, rows, delimiter=',', header='t,q1,q2,tau1', comments='')
@@ -25,7 +25,7 @@ def write(path, motion):
 
 @pytest.fixture(scope='module')
 def recordings(tmp_path_factory):
-    """The same 12 s as a bag and as a file with columns."""
+    """Return a folder with the same 12 s as a bag and as a table."""
     folder = tmp_path_factory.mktemp('recordings')
     t = np.arange(1200) * 0.01
     motion = Trajectory(t, np.column_stack([np.sin(t), np.cos(t)]), np.column_stack([np.sin(3 * t), 0 * t]))
@@ -35,7 +35,7 @@ def recordings(tmp_path_factory):
 
 
 @pytest.mark.parametrize('name', ['bag', 'file.csv'])
-def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
+def test_a_window_beyond_the_end_is_reported_with_both_times(recordings, name):
     path = recordings / name
     data = load_datasets([f'{path}@0:50'])
     (note,) = data.notes
@@ -53,7 +53,7 @@ def test_a_window_beyond_the_end_is_named_with_both_times(recordings, name):
 
 @pytest.mark.parametrize('name', ['bag', 'file.csv'])
 def test_times_in_messages_count_from_the_first_sample_of_the_file(tmp_path, name):
-    """Also of what is wrong in the half that validates, or in a window."""
+    """The gap is in the validation part or in a window."""
     motion = recording(1200)
     write(tmp_path / name, motion[(motion.t < 9.0) | (motion.t > 9.9)])
     for window in ('', '@2:'):

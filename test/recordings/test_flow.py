@@ -17,8 +17,8 @@ def flow_of(numbers, lag_ns=0, publishers=1):
 
 
 @given(st.sets(st.integers(2, 300)), st.integers(1, 10_000))
-def test_missing_numbers_of_one_publisher_are_lost(dropped, first):
-    # The last one comes: what is lost after it, nobody can know.
+def test_missing_sequence_numbers_of_one_publisher_are_counted_as_lost(dropped, first):
+    # The last message arrives; losses after it are not detectable.
     flow = flow_of(first + k for k in range(1, 302) if k not in dropped)
     assert (flow.count, flow.lost) == (301 - len(dropped), len(dropped))
 
@@ -28,7 +28,7 @@ def test_missing_numbers_of_one_publisher_are_lost(dropped, first):
     [((1, 2, 3, 1, 2, 4), 1, 1), ((None, None), 1, 0), ((1, 40, 2, 41, 7), 2, 0)],
     ids=['restarted', 'without numbers', 'several publishers'],
 )
-def test_restarted_unnumbered_and_several_publishers_lose_nothing(numbers, publishers, lost):
+def test_losses_of_restarted_unnumbered_and_several_publishers_are_not_overestimated(numbers, publishers, lost):
     assert flow_of(numbers, publishers=publishers).lost == lost
 
 
@@ -40,7 +40,7 @@ def test_restarted_unnumbered_and_several_publishers_lose_nothing(numbers, publi
         (Flow(), 150_000_000, '/x: nothing yet; 150 MB left on the disk; the bag is closed at 100'),
     ],
 )
-def test_problems_of_a_recording_are_warnings(flow, free, sentence):
+def test_losses_delays_and_a_full_disk_are_warnings(flow, free, sentence):
     diagnosis = diagnose({'/x': flow}, 1.0, troubles=(), free=free, reserve=10**8)
     assert (diagnosis.level, diagnosis.message) == (Level.WARN if ';' in sentence else Level.OK, sentence)
     assert {'/x messages', '/x rate [Hz]', '/x lag [s]', '/x lost', 'free [MB]'} <= diagnosis.values.keys()

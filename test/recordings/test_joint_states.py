@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""JointStates read many at once, against rosbags, which reads them one by one."""
+"""The decoding of many JointStates at once, compared with rosbags, which decodes them one by one."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 
 
 def check(encoded, effort_names=JOINTS, expected=None):
-    """Decode messages at once; hold them against others as rosbags reads them, by default the same."""
+    """Compare messages decoded at once with ``expected``, by default the same messages, decoded by rosbags."""
     states = [decode_joint_state(message) for message in expected or encoded]
     found_stamps, values = JointDecoder(JOINTS, 'bag', effort_names)(Messages.of(encoded))
     assert found_stamps.tolist() == [stamp_of(state) for state in states]
@@ -37,7 +37,7 @@ def check(encoded, effort_names=JOINTS, expected=None):
 
 @st.composite
 def messages(draw):
-    """JointStates of some joints in some order, some with the same names as those before."""
+    """Draw JointStates of some joints in some order; some messages share their names."""
     found = []
     for _ in range(draw(st.integers(1, 3))):
         names = draw(st.permutations([*JOINTS, *draw(st.lists(st.sampled_from(['a', 'wheel', 'ä', '']), unique=True))]))
@@ -51,15 +51,15 @@ def messages(draw):
 
 
 @given(messages())
-def test_reads_messages_like_rosbags(encoded):
+def test_messages_are_decoded_as_by_rosbags(encoded):
     check(encoded)
 
 
 @given(messages(), st.sampled_from([('a', 'elbow'), ('shoulder', 'a')]))
 def test_efforts_are_read_from_separate_entries(encoded, effort_names):
-    lacking = [k for k, message in enumerate(encoded) if 'a' not in decode_joint_state(message).name]
-    if lacking:
-        sentence = rf'bag, sample {lacking[0]} has no measured current: its joints are .*, and a '
+    incomplete = [k for k, message in enumerate(encoded) if 'a' not in decode_joint_state(message).name]
+    if incomplete:
+        sentence = rf'bag, sample {incomplete[0]} has no measured current: its joints are .*, and a '
         with pytest.raises(BagError, match=sentence):
             JointDecoder(JOINTS, 'bag', effort_names)(Messages.of(encoded))
     else:
@@ -67,7 +67,7 @@ def test_efforts_are_read_from_separate_entries(encoded, effort_names):
 
 
 def test_the_content_of_padding_is_ignored():
-    # ROS's own serialisation leaves there what was in memory before.
+    # The serialisation of ROS leaves padding uninitialised.
     plain = [encode_joint_state(k, JOINTS, [k, 2], [3, 4], [5, k]) for k in range(3)]
     padding = plain[0].index(b'shoulder\0') + len(b'shoulder\0')
     filled = [message[:padding] + bytes([0x55, k]) + message[padding + 2 :] for k, message in enumerate(plain)]
@@ -76,6 +76,6 @@ def test_the_content_of_padding_is_ignored():
 
 
 @pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 100])
-def test_invalid_joint_states_are_one_sentence(data):
+def test_invalid_joint_states_are_refused_in_one_sentence(data):
     with pytest.raises(BagError, match='is no sensor_msgs/msg/JointState'):
         JointDecoder(JOINTS, 'bag')(Messages.of([data]))

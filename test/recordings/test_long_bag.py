@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings that are too long to be read at once: errors, and windows of them."""
+"""Recordings that are too long to be read at once, and their informative windows."""
 
 import json
 from dataclasses import replace
@@ -27,7 +27,7 @@ from test.simulated_rig import pulses
 
 from .bags import STEP, TOPIC, message
 
-#: Length of informative windows here [s].
+#: Length of informative windows [s].
 LENGTH = 10
 
 
@@ -52,21 +52,21 @@ def bag(motion, tmp_path_factory):
 
 
 @pytest.fixture(autouse=True)
-def soon(monkeypatch):
-    """Half a minute is already too long."""
+def short_limits(monkeypatch):
+    """Treat recordings over 25 s as too long."""
     monkeypatch.setattr(bag_reader, 'SETTINGS', replace(bag_reader.SETTINGS, longest=25.0, first_window=20.0))
     monkeypatch.setattr(windows, 'LENGTH', LENGTH)
 
 
-def test_a_long_recording_is_refused_with_a_window_of_it(bag, motion, tmp_path):
+def test_a_long_recording_is_refused_with_the_proposal_of_a_window(bag, motion, tmp_path):
     sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are read at once; take windows of it, such as '
     for read in (api.read, read_trajectory, lambda path: load_datasets([str(path)])):
         with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} lists informative'):
             read(bag)
     with pytest.raises(LongRecordingError, match=r'it lasts 79 s.* such as .*@10:30: pendubot track') as refused:
         read_trajectory(BagWindow(bag, 10, 89))
-    taken = read_trajectory(BagWindow.parse(refused.value.first)).trajectory
-    np.testing.assert_array_equal(taken.q, motion.q[(motion.t >= 10) & (motion.t < 30)])
+    proposed = read_trajectory(BagWindow.parse(refused.value.first)).trajectory
+    np.testing.assert_array_equal(proposed.q, motion.q[(motion.t >= 10) & (motion.t < 30)])
     table = tmp_path / 'x.mat'
     scipy.io.savemat(table, {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]})
     with pytest.raises(LongRecordingError, match=r'x\.mat is too long: it lasts 90 s'):
@@ -74,38 +74,38 @@ def test_a_long_recording_is_refused_with_a_window_of_it(bag, motion, tmp_path):
     assert len(api.read(f'{table}@80:')) == 2000
 
 
-def test_the_beginning_of_a_long_rest_is_for_validation(bag, motion):
+def test_the_remainder_of_a_long_recording_is_validated_on_windows_of_limited_length(bag, motion):
     data = load_datasets([f'{bag}@30:40'])
     assert [source.bag for source in data.sources] == [f'{bag}@{w}' for w in ('30:40', ':20', '40:60')]
     np.testing.assert_array_equal(data.validation[1].q, motion.q[(motion.t >= 40) & (motion.t < 60)])
 
 
-def test_identify_names_informative_windows_between_changes(bag, capsys):
-    """The payload is put on at 40 s, then the rig rests until 50 s, and is pushed at 63 s."""
+def test_identify_proposes_informative_windows_between_changes(bag, capsys):
+    """A payload is added at 40 s; the torque is zero from 44 to 50 s; the rig is pushed at 63 s."""
     assert main(['identify', str(bag)]) == 1
     sentence = ' '.join(capsys.readouterr().err.split())
     assert 'it lasts 90 s, and at most 25 s are read at once; take windows of it, such as' in sentence
-    named = sentence.partition('pendubot identify ')[2].split()
+    proposed = sentence.partition('pendubot identify ')[2].split()
     assert main(['track', str(bag), '--json']) == 0
-    assert json.loads(capsys.readouterr().out)['tracked']['windows'] == named
-    taken = [BagWindow.parse(text) for text in named]
-    assert len(taken) == windows.NAMED
-    for window in taken:
+    assert json.loads(capsys.readouterr().out)['tracked']['windows'] == proposed
+    parsed = [BagWindow.parse(text) for text in proposed]
+    assert len(parsed) == windows.NAMED
+    for window in parsed:
         assert window.end - window.start == LENGTH
-        assert window.end <= 63 or window.start >= 63.5, 'it is pushed'
-        assert (window.end <= 40) == (taken[0].end <= 40), 'of one rig'
-        assert not 40 <= window.start < 50, 'it rests'
-    assert main(['identify', *named, '--criterion', 'weak', '--model', 'coulomb', '--optimizer', 'lsq']) == 0
+        assert window.end <= 63 or window.start >= 63.5, 'without the push'
+        assert (window.end <= 40) == (parsed[0].end <= 40), 'all with or all without the payload'
+        assert not 40 <= window.start < 50, 'not at rest'
+    assert main(['identify', *proposed, '--criterion', 'weak', '--model', 'coulomb', '--optimizer', 'lsq']) == 0
 
 
-def test_without_an_informative_window_the_error_says_so(motion, tmp_path, capsys):
+def test_a_recording_without_an_informative_window_is_reported(motion, tmp_path, capsys):
     write_trajectory(tmp_path / 'holes', motion[motion.t % 9 > 0.5])
     assert main(['identify', str(tmp_path / 'holes')]) == 1
-    said = ' '.join(capsys.readouterr().err.split())
-    assert 'no minute of it has motion without a gap, a change or a disturbance; take windows of it, such as' in said
+    message = ' '.join(capsys.readouterr().err.split())
+    assert 'no minute of it has motion without a gap, a change or a disturbance; take windows of it, such as' in message
 
 
-def test_a_topic_that_ended_long_before_the_bag_has_its_own_duration(tmp_path):
+def test_the_length_limit_applies_to_the_topic_instead_of_the_bag(tmp_path):
     with BagWriter(tmp_path / 'bag') as writer:
         joints, other = (writer.add_topic(name, JOINT_STATE) for name in (TOPIC, '/other'))
         for k in (*range(1000), 8_500):

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags of ROS 1, and of ROS 2 with storage sqlite3, as rosbags writes them, are read as the bag that they were."""
+"""Bags of ROS 1, and of ROS 2 with storage sqlite3, converted by rosbags."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ BAG = ROOT / 'bags' / 'paper_experiment'
 @pytest.mark.parametrize(
     ('name', 'version', 'store'), [('run.bag', 3, Stores.ROS1_NOETIC), ('run', 8, Stores.ROS2_JAZZY)]
 )
-def test_the_motion_is_that_of_the_bag_that_was_converted(tmp_path, name, version, store):
+def test_a_converted_bag_gives_the_same_motion(tmp_path, name, version, store):
     jazzy, storage = get_typestore(Stores.ROS2_JAZZY), 'sqlite3'
     convert([BAG], tmp_path / name, storage, version, None, 'none', jazzy, get_typestore(store), [], [], [], [])
     found, expected = read_trajectory(tmp_path / name).trajectory, read_trajectory(BAG).trajectory
@@ -31,14 +31,14 @@ def test_the_motion_is_that_of_the_bag_that_was_converted(tmp_path, name, versio
 
 
 @pytest.mark.parametrize('name', ['empty.bag', 'empty.db3'])
-def test_another_file_is_refused_in_one_sentence(tmp_path, name):
+def test_an_invalid_file_is_refused_in_one_sentence(tmp_path, name):
     (tmp_path / name).write_bytes(b'hello')
     with pytest.raises(BagError, match='is no bag with messages of type sensor_msgs/msg/JointState that can be read'):
         read_trajectory(tmp_path / name)
 
 
 @pytest.mark.parametrize('conversion', [Conversion(unwrap=True), Conversion(unwrap=True, degrees=True)])
-def test_wrapped_angles_are_continuous_however_they_are_read(tmp_path, conversion):
+def test_wrapped_angles_are_unwrapped_in_files_and_streams(tmp_path, conversion):
     expected = read_trajectory(BAG).trajectory
     wrapped = (expected.q + 2) % (2 * np.pi) - 2
     assert np.abs(np.diff(wrapped, axis=0)).max() > 6

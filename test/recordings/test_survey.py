@@ -20,14 +20,14 @@ MS = 1_000_000
 
 
 @given(st.integers(1, 50), st.sets(st.integers(1, 198), max_size=60), st.integers(0, 2**62))
-def test_removed_samples_are_counted_as_missing(period, taken, start):
-    times = start + period * MS * np.array([k for k in range(200) if k not in taken], dtype=np.int64)
+def test_removed_samples_are_counted_as_missing(period, removed, start):
+    times = start + period * MS * np.array([k for k in range(200) if k not in removed], dtype=np.int64)
     found = regularity(times)
-    # The median interval is the period only as long as most intervals are whole.
+    # The median interval is the period as long as most intervals have no gap.
     assert found['period'] == period / 1e3
-    assert found['missing'] == len(taken)
-    assert (found['gaps'] > 0) == bool(taken)
-    assert found['first_gap'] == (pytest.approx((min(taken) - 1) * period / 1e3) if taken else None)
+    assert found['missing'] == len(removed)
+    assert (found['gaps'] > 0) == bool(removed)
+    assert found['first_gap'] == (pytest.approx((min(removed) - 1) * period / 1e3) if removed else None)
     assert (found['repeated'], found['backwards']) == (0, 0)
 
 
@@ -66,8 +66,8 @@ def test_a_bag_of_160_mb_is_surveyed_in_100_mb(tmp_path):
             bag.write(channel, bytes(400_000), START + k * STEP)
     assert (tmp_path / 'bag' / 'bag_0.mcap').stat().st_size > 160e6
     command = [sys.executable, '-c', MEMORY, tmp_path / 'bag']
-    *said, kilobytes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert any('400 messages' in line for line in said)
+    *output, kilobytes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert any('400 messages' in line for line in output)
     assert int(kilobytes) < 100_000
 
 
@@ -76,8 +76,8 @@ def test_a_file_of_25_mb_is_surveyed_in_130_mb(tmp_path):
     (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
     assert (tmp_path / 'run.csv').stat().st_size > 25e6
     command = [sys.executable, '-c', MEMORY, tmp_path / 'run.csv']
-    *said, kilobytes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert '500000 samples, 499.999 s' in said[0]
+    *output, kilobytes = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert '500000 samples, 499.999 s' in output[0]
     assert int(kilobytes) < 130_000
 
 

@@ -23,13 +23,13 @@ NAMES = ['t', 'q1', 'q2', 'tau1']
 MINIMAL = 't,q1,q2,tau1\n'
 
 
-def read(path, **words):
-    """The motion of a file, read as a user says."""
-    return TableReader(path, Conversion.of(words)).motion
+def read(path, **options):
+    """Return the motion of a file, converted by these options."""
+    return TableReader(path, Conversion.of(options)).motion
 
 
 @pytest.fixture
-def given(tmp_path):
+def written(tmp_path):
     def write(text=TEXT, encoding='utf-8'):
         path = tmp_path / 'run.csv'
         path.write_text(text, encoding=encoding)
@@ -38,22 +38,22 @@ def given(tmp_path):
     return write
 
 
-def test_the_default_columns_and_degrees(given):
-    trajectory = read(given())
+def test_the_default_columns_and_degrees(written):
+    trajectory = read(written())
     np.testing.assert_allclose(trajectory.t, [0, 0.01, 0.03])
     np.testing.assert_array_equal(trajectory.q, [[0.1, 0.2], [0.3, 0.5], [0.6, 0.4]])
     np.testing.assert_array_equal(trajectory.qd, [[1, 2], [5, 6], [9, 8]])
     np.testing.assert_array_equal(trajectory.tau, [[3, 4], [7, 8], [7, 6]])
-    degrees = read(given(), degrees=True)
+    degrees = read(written(), degrees=True)
     np.testing.assert_allclose(degrees.q, np.deg2rad(trajectory.q))
     np.testing.assert_allclose(degrees.qd, np.deg2rad(trajectory.qd))
     np.testing.assert_array_equal(degrees.tau, trajectory.tau)
 
 
-def test_a_fault_after_many_rows_is_found(given):
+def test_an_invalid_cell_after_many_rows_is_found(written):
     rows = [f'{k / 100};{0.1 * (k % 7)};0.2;{k % 3}' for k in range(40_000)]
     rows[35_000] = '350;é;0.2;1'
-    path = given('\n'.join([MINIMAL.strip().replace(',', ';'), *rows]).replace('.', ','), encoding='latin-1')
+    path = written('\n'.join([MINIMAL.strip().replace(',', ';'), *rows]).replace('.', ','), encoding='latin-1')
     with pytest.raises(TableError, match=r"line 35002, column 'q1': 'é' is no finite number, as of 1 of 40000 rows"):
         read(path, decimal='comma')
     motion = read(path, decimal='comma', skip_missing=True)
@@ -73,8 +73,8 @@ def test_a_fault_after_many_rows_is_found(given):
         *((TEXT, encoding) for encoding in ('utf-8-sig', 'utf-16')),
     ],
 )
-def test_other_formats_of_text_are_read(given, text, encoding):
-    found, expected = read(given(text, encoding)), read(given())
+def test_other_text_formats_are_read(written, text, encoding):
+    found, expected = read(written(text, encoding)), read(written())
     for name in ('t', 'q', 'tau'):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
@@ -84,12 +84,12 @@ def test_other_formats_of_text_are_read(given, text, encoding):
     [
         (TEXT.replace('tau1', 'y'), r"no column 'tau1' for tau1; its columns are t, q1, .*--columns tau1=NAME"),
         *(
-            (TEXT.replace('0.5', cell), f"line 3, column 'q2': {said} is no finite number")
-            for cell, said in (('open', "'open'"), ('nan', "'nan'"), ('', 'nothing'))
+            (TEXT.replace('0.5', cell), f"line 3, column 'q2': {quoted} is no finite number")
+            for cell, quoted in (('open', "'open'"), ('nan', "'nan'"), ('', 'nothing'))
         ),
         (TEXT.replace(',7,6', ''), 'line 4 has 5 cells; 7 are expected, one for each column name; correct or remove'),
         (TEXT.replace('9,8,7,6', '9,8,7,6,5').replace(',', ';'), 'line 4 has 8 cells; .* name; correct or remove'),
-        # Decimal commas, in all columns and in the last alone.
+        # Decimal commas in all columns, and in the last column.
         (MINIMAL + '0,00,0,10,0,20,0,30\n', 'line 2 has 8 cells; 4 are .*decimals .*commas: .*points'),
         (MINIMAL + '0.00,0.1,0.2,0,30\n', 'line 2 has 5 cells; 4 are .*decimals .*commas: .*points'),
         (TEXT.replace(',', ';').replace('.', ','), "'5,00' is no finite number; decimals .*: add --decimal comma"),
@@ -104,17 +104,17 @@ def test_other_formats_of_text_are_read(given, text, encoding):
         (' \n\n', 'run.csv is empty; a line of column names and rows of numbers are expected'),
         ('sep=;\n' + TEXT.replace(',', ';'), 'has its column names in line 2, line 1 is expected: add --skip-rows 1'),
         *(
-            (TEXT.replace('5.01', stamp), rf'line 3: the time .* {what}')
-            for stamp, what in (
+            (TEXT.replace('5.01', stamp), rf'line 3: the time .* {problem}')
+            for stamp, problem in (
                 ('5.00', 'repeats, after 5; every row needs a later one: export more digits'),
                 ('4.99', 'decreases, after 5; every row needs a later one: keep one run in each file'),
             )
         ),
     ],
 )
-def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
+def test_an_unusable_text_file_is_refused_in_one_sentence(written, text, sentence):
     with pytest.raises(TableError, match=sentence):
-        read(given(text))
+        read(written(text))
 
 
 @pytest.mark.parametrize(
@@ -126,13 +126,13 @@ def test_a_file_that_cannot_be_used_is_one_sentence(given, text, sentence):
         ({'q1': 'q2'}, "column 'q2' stands for both q1 and q2"),
     ],
 )
-def test_columns_that_are_not_there_are_one_sentence(given, columns, sentence):
+def test_invalid_column_names_are_refused_in_one_sentence(written, columns, sentence):
     with pytest.raises(PendubotError, match=sentence):
-        read(given(), columns=columns)
+        read(written(), columns=columns)
 
 
 def opaque():
-    """A timetable as MATLAB writes it: an object, of which the file holds a number alone."""
+    """Return a timetable of MATLAB: an object whose content is a reference number."""
 
     def element(kind, data):
         return struct.pack('<II', kind, len(data)) + data + b'\0' * (-len(data) % 8)
@@ -155,9 +155,9 @@ def in_excel(path, *rows):
     book.save(path)
 
 
-#: Files by name: how they are made, and the error.
+#: Functions that write the files, and the errors, by name.
 UNUSABLE = {
-    'nowhere.csv': (lambda path: None, 'there is no file'),
+    'absent.csv': (lambda path: None, 'there is no file'),
     'binary.csv': (lambda path: path.write_bytes(b'\x89MCAP0\r\n\xff'), 'no text in UTF-8'),
     'text.mat': (lambda path: path.write_text('hello' * 99), r'is not a readable \.mat file'),
     'text.xlsx': (lambda path: path.write_text('hello'), r'is not a readable \.xlsx file'),
@@ -181,7 +181,7 @@ UNUSABLE = {
 
 
 @pytest.mark.parametrize('name', UNUSABLE)
-def test_a_file_of_other_programs_that_cannot_be_used_is_one_sentence(tmp_path, name):
+def test_an_unusable_file_of_another_program_is_refused_in_one_sentence(tmp_path, name):
     if package := {'parquet': 'pyarrow', 'xlsx': 'openpyxl'}.get(name.partition('.')[2]):
         pytest.importorskip(package)
     write, sentence = UNUSABLE[name]
@@ -191,7 +191,7 @@ def test_a_file_of_other_programs_that_cannot_be_used_is_one_sentence(tmp_path, 
 
 
 @pytest.mark.parametrize(('name', 'package'), [('x.xlsx', 'pandas'), ('x.mat', 'h5py')])
-def test_missing_packages_are_named_with_the_installation(tmp_path, monkeypatch, name, package):
+def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_path, monkeypatch, name, package):
     (tmp_path / name).write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(TableError, match=rf'pip install .*{package}.*; or in MATLAB, writetable\(table'):
@@ -199,13 +199,13 @@ def test_missing_packages_are_named_with_the_installation(tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize('start', [datetime.datetime(2026, 11, 22, 23, 59, 59, 990000), datetime.timedelta(0)])
-def test_times_of_day_are_seconds(tmp_path, start):
+def test_times_of_day_are_converted_to_seconds(tmp_path, start):
     rows = ([start + datetime.timedelta(seconds=k / 100), 1, 2, 3] for k in range(9))
     in_excel(tmp_path / 'x.xlsx', NAMES, *rows)
     np.testing.assert_allclose(read(tmp_path / 'x.xlsx').t, np.arange(9) / 100, atol=1e-12)
 
 
-#: A column's name, and the amperes of its unit.
+#: Unit of the current [A] by column name.
 CURRENTS = {
     **dict.fromkeys(
         ('Motor_Current', 'I', 'tau [A]', 'i_q', 'tau1_A', 'Motorstrom', 'courant', 'corriente', '电流'), 1.0
@@ -216,29 +216,29 @@ CURRENTS = {
 
 
 @pytest.mark.parametrize('name', CURRENTS)
-def test_a_current_is_never_taken_for_a_torque(given, name):
-    path, columns, amperes = given(f't,q1,q2,{name}\n0,1,2,3\n0.01,1,2,4\n'), {'tau1': name}, CURRENTS[name]
+def test_a_current_is_not_accepted_as_a_torque(written, name):
+    path, columns, amperes = written(f't,q1,q2,{name}\n0,1,2,3\n0.01,1,2,4\n'), {'tau1': name}, CURRENTS[name]
     with pytest.raises(TableError, match=re.escape('--torque-constant K [N m/A], and --gear N')):
         read(path)
     with pytest.raises(TableError, match=f'a torque is expected: .* or --torque-constant {1 / amperes:g} if it is'):
         read(path, columns=columns)
-    for words, expected in (
+    for options, expected in (
         ({'torque_constant': 1 / amperes}, 1.0),
         ({'torque_constant': 0.05, 'gear': 7.0}, 0.35 * amperes),
     ):
-        motion = read(path, columns=columns, **words)
+        motion = read(path, columns=columns, **options)
         np.testing.assert_allclose(motion.tau[:, 0], np.multiply(expected, [3, 4]), atol=1e-12)
 
 
-def test_an_unknown_unit_is_never_taken_for_newton_metres(given):
-    path = given('t,q1,q2,tau1 [lbf ft]\n0,1,2,3\n0.01,1,2,4\n')
+def test_an_unknown_unit_is_not_accepted_as_newton_metres(written):
+    path = written('t,q1,q2,tau1 [lbf ft]\n0,1,2,3\n0.01,1,2,4\n')
     with pytest.raises(TableError, match=r"unit 'lbf ft' of the column 'tau1 .lbf ft.' is not known, and N m are"):
         read(path)
     np.testing.assert_allclose(read(path, torque_constant=1.3558).tau[:, 0], np.multiply(1.3558, [3, 4]))
 
 
-def test_a_current_by_a_row_of_units_is_no_torque(given):
-    path = given('t,q1,q2,tau1\ns,rad,rad,mA\n0,0,0,1\n0.01,0.1,0,2\n')
+def test_a_current_by_a_row_of_units_is_not_accepted_as_a_torque(written):
+    path = written('t,q1,q2,tau1\ns,rad,rad,mA\n0,0,0,1\n0.01,0.1,0,2\n')
     with pytest.raises(TableError, match='seems to hold a motor current'):
         read(path)
     np.testing.assert_allclose(read(path, torque_constant=2).tau[:, 0], [0.002, 0.004])

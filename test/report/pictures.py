@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The pictures of results, by name, and recordings for them."""
+"""Pictures of results by name, and recordings for them."""
 
 import functools
 
@@ -20,8 +20,8 @@ def motion(samples=300, interval=0.01, name='swing', start=0.0):
 
 
 def pictures(result, training, validation=()):
-    wanted = plots.Prepared.of(result, training, validation).pictures()
-    return {picture.name: picture for _, draw in wanted for picture in draw()}
+    groups = plots.Prepared.of(result, training, validation).pictures()
+    return {picture.name: picture for _, draw in groups for picture in draw()}
 
 
 @functools.cache
@@ -31,6 +31,6 @@ def swing():
 
 @functools.cache
 def every_picture():
-    """Those of the result by MDE, with the data that it is of."""
+    """Return the pictures of a result by MDE with its recordings."""
     result = made(optimizer='mde', criteria=('energy',))
     return list(pictures(result, [swing()[:400]], [swing()[400:800]]).values())

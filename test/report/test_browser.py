@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page in a real browser: explored, in the dark, on paper, without JavaScript, on a telephone; no complaints."""
+"""The report in a real browser: interaction, dark mode, print, without JavaScript, on a telephone, accessibility."""
 
 import json
 import re
@@ -30,7 +30,7 @@ from test.report.pictures import swing
 
 pytestmark = NEEDS_BROWSER
 
-#: What a chart shows of time, and where its box is.
+#: Time ranges of the charts by plot.
 RANGES = """() => Object.fromEntries([...document.querySelectorAll('.plot')].map(
   (box) => [box.dataset.plot, box.charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])]))"""
 POSES = 'JSON.parse(document.querySelector("#scene").dataset.poses)'
@@ -44,25 +44,25 @@ def browser():
 
 @pytest.fixture(scope='module')
 def real(tmp_path_factory):
-    """The page of a real result with its recordings, and one of which P1 was too large before."""
+    """Return the page of a result with its recordings, and a reference with a larger P1."""
     bag, result = swing(), made()
     guess = {n: Parameter(value=entry.value * (1.1 if n == 'P1' else 1)) for n, entry in result.parameters.items()}
-    before = PartialResult(parameters=guess), 'reference'
+    reference = PartialResult(parameters=guess), 'reference'
     with OutputFolder(tmp_path_factory.mktemp('real') / 'look') as folder:
         result = replace(result, advice=['the motion is little informative of b1 (a, b); to improve: speed'])
-        return write_report(folder, result, ([bag[:400]], [bag[400:1000]]), before, (), lambda *_: None)
+        return write_report(folder, result, ([bag[:400]], [bag[400:1000]]), reference, (), lambda *_: None)
 
 
 @pytest.fixture
 def opened(browser, real):
-    """Opens a page as it is asked for; at the end nothing may have been said on its console, or asked of anyone."""
-    usual = {'viewport': {'width': 1280, 'height': 900}, 'reduced_motion': 'reduce'}
+    """Return a function that opens a page; fail on console messages and on requests to other hosts."""
+    defaults = {'viewport': {'width': 1280, 'height': 900}, 'reduced_motion': 'reduce'}
     with watched(browser) as shown:
-        yield lambda file=real, **how: shown(file.as_uri(), ('file:', 'data:'), **usual | how)
+        yield lambda file=real, **options: shown(file.as_uri(), ('file:', 'data:'), **defaults | options)
 
 
 def over(page, plot, panel=0):
-    """Where the first panel of a plot is, as the mouse sees it."""
+    """Return the box of a panel of a plot on the screen."""
     chart = page.locator(f'[data-plot={plot}] .u-over').nth(panel)
     chart.scroll_into_view_if_needed()
     return chart.bounding_box()
@@ -76,7 +76,7 @@ def drag(page, box, begin, end):
     page.mouse.up()
 
 
-def test_what_is_zoomed_in_one_plot_is_zoomed_in_all_by_mouse_buttons_and_keys(opened):
+def test_all_plots_zoom_together_by_mouse_buttons_and_keys(opened):
     page = opened()
     before = page.evaluate(RANGES)
     last = before['recordings'][0][1]
@@ -110,7 +110,7 @@ def shown(output):
     return float(output.inner_text().replace('−', '-'))
 
 
-def test_values_are_read_where_the_mouse_is_and_the_rig_stands_so(opened):
+def test_values_and_the_pose_of_the_rig_follow_the_mouse(opened):
     page = opened()
     box = over(page, 'simulation', 0)
     page.mouse.move(box['x'] + box['width'] / 4, box['y'] + 30)
@@ -127,7 +127,7 @@ def test_values_are_read_where_the_mouse_is_and_the_rig_stands_so(opened):
     assert poses[1][0] == pytest.approx(shown(simulated), abs=0.05)
 
 
-def test_the_rig_is_played_and_scrubbed_by_mouse_and_keys(opened):
+def test_the_animation_is_played_and_scrubbed_by_mouse_and_keys(opened):
     page = opened()
     scrub, play = page.locator('.player input'), page.locator('.player button').first
     scrub.fill('5.5')
@@ -142,33 +142,32 @@ def test_the_rig_is_played_and_scrubbed_by_mouse_and_keys(opened):
     assert play.inner_text() == '▶ play'
 
 
-def test_only_who_wants_motion_sees_it_unasked(opened):
+def test_the_animation_starts_unless_reduced_motion_is_preferred(opened):
     for motion, moves in (('no-preference', True), ('reduce', False)):
         page = opened(reduced_motion=motion)
         assert page.locator('.player button').first.inner_text() == ('❚❚ stop' if moves else '▶ play')
 
 
-@pytest.mark.parametrize(('scheme', 'turned'), [('light', False), ('dark', True)])
-def test_light_and_dark(opened, scheme, turned):
-    """Figures are turned with the page, so that ink is on paper in both, and no caption names a brightness."""
+@pytest.mark.parametrize(('scheme', 'inverted'), [('light', False), ('dark', True)])
+def test_figures_follow_the_colour_scheme_and_no_caption_mentions_a_brightness(opened, scheme, inverted):
     page = opened(color_scheme=scheme)
-    paper, ink = (page.evaluate(BRIGHTNESS, ['body', what]) for what in ('backgroundColor', 'color'))
-    assert (paper < 40 and ink > 200) if turned else (paper > 240 and ink < 40)
+    paper, ink = (page.evaluate(BRIGHTNESS, ['body', name]) for name in ('backgroundColor', 'color'))
+    assert (paper < 40 and ink > 200) if inverted else (paper > 240 and ink < 40)
     for selector in ('figure img', '.plot canvas', '.swatch'):
         style = page.evaluate('(s) => getComputedStyle(document.querySelector(s)).filter', selector)
-        assert ('invert' in style) == turned, selector
+        assert ('invert' in style) == inverted, selector
     captions = page.locator('figcaption, .note').all_inner_texts()
     assert len(captions) > 8
     words = r'\b(?:black|pale|dark|deep|light|bright|gr[ae]y|coloured)\b'
     assert [text for text in captions if re.search(words, text)] == []
 
 
-def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(opened):
+def test_a_printed_page_is_light_without_controls_and_has_at_most_four_sheets(opened):
     page = opened(color_scheme='dark')
     pdf = page.pdf(prefer_css_page_size=True)
     assert 1 <= len(re.findall(rb'/Type\s*/Page\b', pdf)) <= 4
     figures = page.locator('[data-name=simulation] img, [data-name=recordings] img').all()
-    assert not any(each.is_visible() for each in figures), 'plots stand in their place'
+    assert not any(each.is_visible() for each in figures), 'interactive plots replace them'
     page.emulate_media(media='print')
     assert page.evaluate(BRIGHTNESS, ['body', 'backgroundColor']) > 240
     assert not any(each.is_visible() for each in page.locator('button, summary, .controls').all())
@@ -176,18 +175,18 @@ def test_on_paper_nothing_is_to_be_pressed_it_is_light_and_at_most_four_pages(op
     assert all(each.is_visible() for each in figures)
 
 
-def test_a_page_of_all_parameters_and_many_warnings_has_room_on_paper(opened, tmp_path):
-    """One page less than four: real rigs have longer tables and figures."""
+def test_a_printed_page_with_all_parameters_and_many_warnings_has_at_most_three_sheets(opened, tmp_path):
+    """Real rigs have longer tables and figures, within four sheets."""
     bag, result = swing(), made(model='geared')
     assert len(result.parameters) > 12
-    warnings = [f'{k}: the rig has unmodelled effects, and what follows takes two lines of the page' for k in range(7)]
+    warnings = [f'{k}: the rig has unmodelled effects, ' + 'a warning of two lines on the page ' * 2 for k in range(7)]
     result = replace(result, warnings=warnings, advice=warnings[:3])
     with OutputFolder(tmp_path / 'look') as folder:
         page = opened(write_report(folder, result, ([bag[:400]], [bag[400:1000]]), None, (), lambda *_: None))
     assert len(re.findall(rb'/Type\s*/Page\b', page.pdf(prefer_css_page_size=True))) <= 3
 
 
-def test_without_javascript_every_figure_stands_there(opened):
+def test_every_figure_is_visible_without_javascript(opened):
     page = opened(java_script_enabled=False)
     figures = page.locator('figure img').all()
     assert len(figures) > 6
@@ -196,7 +195,7 @@ def test_without_javascript_every_figure_stands_there(opened):
 
 
 @pytest.mark.parametrize('script', [True, False])
-def test_on_a_telephone_nothing_is_wider_than_the_screen_and_values_keep_their_units(opened, real, script):
+def test_a_telephone_needs_no_horizontal_scrolling_and_keeps_values_and_units_on_one_line(opened, real, script):
     page = opened(viewport={'width': 360, 'height': 800}, java_script_enabled=script)
     assert page.evaluate('document.documentElement.scrollWidth') == 360
     lines = """() => [...document.querySelectorAll('.value, .fits b')].map((cell) => {
@@ -204,12 +203,12 @@ def test_on_a_telephone_nothing_is_wider_than_the_screen_and_values_keep_their_u
       range.selectNodeContents(cell);
       const bottoms = [...range.getClientRects()].map(({ bottom }) => bottom);
       return Math.max(...bottoms) - Math.min(...bottoms) })"""
-    assert max(page.evaluate(lines)) < 6, 'a line is higher'
+    assert max(page.evaluate(lines)) < 6, 'one line is higher than 6 pixels'
     assert page.locator('.value').count() == 7
 
 
-def test_the_first_screen_says_it_all(opened, real):
-    """The rig, level, fits and parameters with bars; within one screen, and within two on a telephone; in 2 MB."""
+def test_the_first_screen_contains_the_rig_the_level_the_fits_and_the_parameters(opened, real):
+    """On a telephone it is two screens."""
     result = made()
     assert real.stat().st_size <= 2_000_000
     for width, height, screens in ((1440, 900, 1), (360, 800, 2)):
@@ -225,11 +224,11 @@ def test_the_first_screen_says_it_all(opened, real):
     assert [row.locator('th').inner_text() for row in rows] == list(result.parameters)
     for row, entry in zip(rows, result.parameters.values(), strict=True):
         low, high = entry.interval
-        share = row.evaluate("(r) => parseFloat(r.querySelector('.bar i').style.width)")
-        assert share == pytest.approx(min(50 * (high - low) / abs(entry.value), 100), abs=0.01)
+        width = row.evaluate("(r) => parseFloat(r.querySelector('.bar i').style.width)")
+        assert width == pytest.approx(min(50 * (high - low) / abs(entry.value), 100), abs=0.01)
 
 
-def test_without_recordings_the_rig_hangs_and_nothing_is_to_be_played(opened, tmp_path):
+def test_without_recordings_the_rig_hangs_and_has_no_controls(opened, tmp_path):
     (tmp_path / 'report.html').write_text(result_page(made(), []), encoding='utf-8')
     page = opened(tmp_path / 'report.html')
     assert page.locator('.stage .rig').is_visible()
@@ -237,7 +236,7 @@ def test_without_recordings_the_rig_hangs_and_nothing_is_to_be_played(opened, tm
     assert page.locator('.player, .slider').count() == 0
 
 
-def test_the_rig_has_the_proportions_of_its_parameters(opened):
+def test_the_drawn_rig_has_the_proportions_of_its_parameters(opened):
     page, p = opened(), made().theta
     page.locator('.player input').fill('5.5')
     points = page.locator('#scene .ghost .arm').get_attribute('points')
@@ -249,7 +248,7 @@ def test_the_rig_has_the_proportions_of_its_parameters(opened):
     assert np.arctan2(-x[1, 1], x[1, 0]) == pytest.approx(np.remainder(q1 + np.pi, 2 * np.pi) - np.pi, abs=0.01)
 
 
-def test_the_equations_of_the_page_are_those_of_python(opened):
+def test_the_equations_of_the_page_agree_with_python(opened):
     rng, page = np.random.default_rng(5), opened()
     for size in MODELS.values():
         theta = (np.array([22, 4, 1, 224, 33, 66, 1, 50, 20, 3, 30, 10, 3000, 2000]) * 1e-4)[:size]
@@ -260,8 +259,7 @@ def test_the_equations_of_the_page_are_those_of_python(opened):
         np.testing.assert_allclose(found, exact, rtol=1e-9)
 
 
-def test_the_simulation_of_the_page_is_that_of_python(opened):
-    """For as long as the page shows, of a swing from a random state under random torques."""
+def test_the_simulation_of_the_page_agrees_with_python(opened):
     rng = np.random.default_rng(6)
     theta, x, tau = made().theta.vector(), rng.normal(size=4), 0.05 * rng.normal(size=(2, 400))
     call, parts = '([p, x, tau, h, parts]) => pendubot.simulate(p, x, tau, h, parts)', 3
@@ -271,14 +269,14 @@ def test_the_simulation_of_the_page_is_that_of_python(opened):
 
 
 def expected_fit(page, theta):
-    """What Python says of the fit of the part that is shown, with its restarts."""
+    """Return the fit of the shown part by Python, with its restarts."""
     live = json.loads(page.locator('#content').text_content())['plots']['simulation']['live']
     states, tau, every = np.array(live['states']), np.array(live['tau']), live['every']
     begins = np.arange(0, states.shape[1] - 1, every)
     torques = np.stack([tau[:, b : b + every] for b in begins], axis=2)
     found = roll(np.array(theta), states[:, begins], torques, STEP)
-    off = np.array([found[1:, :, k] - states[:, b + 1 : b + every + 1].T for k, b in enumerate(begins)])
-    return 100 * (1 - np.sqrt((off**2).mean(axis=(0, 1))) / live['scale'])
+    errors = np.array([found[1:, :, k] - states[:, b + 1 : b + every + 1].T for k, b in enumerate(begins)])
+    return 100 * (1 - np.sqrt((errors**2).mean(axis=(0, 1))) / live['scale'])
 
 
 def shown_fit(page):
@@ -289,7 +287,7 @@ def shown_fit(page):
     ]
 
 
-def test_a_slider_simulates_again_and_shows_the_fit_at_once(opened):
+def test_a_slider_updates_the_simulation_and_its_fit(opened):
     page, result = opened(), made()
     theta = result.theta.vector()
     slider = page.locator('.slider', has_text='P1').locator('input')
@@ -308,7 +306,7 @@ def test_a_slider_simulates_again_and_shows_the_fit_at_once(opened):
     assert shown_fit(page) == identified
 
 
-def test_beyond_the_intervals_only_on_request_and_never_without_a_word(opened):
+def test_sliders_leave_the_intervals_only_on_request_and_report_unphysical_parameters(opened):
     page, result = opened(), made()
     slider, wide = page.locator('.slider', has_text='P1').locator('input'), page.get_by_label('beyond the intervals')
     page.get_by_role('button', name='reference').click()
@@ -318,15 +316,15 @@ def test_beyond_the_intervals_only_on_request_and_never_without_a_word(opened):
     assert shown_fit(page) == pytest.approx(expected_fit(page, other), abs=0.051)
     slider.press('Home')
     page.wait_for_function('pendubot.live.p[0] <= 0')
-    said = page.locator('.controls [role=status]')
+    status = page.locator('.controls [role=status]')
     page.wait_for_function('document.querySelector(".controls [role=status]").textContent.startsWith("No rig")')
-    assert 'not positive definite' in said.inner_text()
+    assert 'not positive definite' in status.inner_text()
     wide.uncheck()
     page.wait_for_function('document.querySelector(".controls [role=status]").textContent.startsWith("Each")')
     assert page.evaluate('pendubot.live.p[0]') == result.parameters['P1'].interval[0]
 
 
-def test_both_play_from_a_chosen_start(opened):
+def test_the_simulation_starts_at_a_chosen_time(opened):
     page = opened()
     first = page.evaluate('pendubot.live.t[0]')
     page.locator('.player input').fill(str(first + 1.5))
@@ -335,15 +333,15 @@ def test_both_play_from_a_chosen_start(opened):
       .at(-1).flatMap((y, k) => (y === null ? [] : [pendubot.live.t[k]]))"""
     assert page.evaluate(starts)[0] == pytest.approx(first + 1.5, abs=0.006)
     measured, simulated = page.evaluate(POSES)
-    assert simulated == pytest.approx(measured, abs=0.02), 'it begins where the rig was measured'
+    assert simulated == pytest.approx(measured, abs=0.02), 'it starts at the measured state'
     assert len(page.evaluate(starts)) > 2
     page.get_by_label('duration of each simulation').select_option('to the end')
     assert len(page.evaluate(starts)) == 1
     page.locator('.player input').fill(str(first))
-    assert page.evaluate(POSES)[1] is None, 'nothing is simulated before the start'
+    assert page.evaluate(POSES)[1] is None, 'no simulation before the start'
 
 
-def test_a_plot_over_time_and_a_figure_are_saved_as_SVG_and_PNG(opened):
+def test_plots_and_figures_are_saved_as_SVG_and_PNG(opened):
     page = opened(accept_downloads=True)
     assert page.locator('figure .save').count() == page.locator('figure').count() > 6
     for name, panels in (('simulation', 6), ('whiteness_likelihood', 2)):
@@ -371,7 +369,7 @@ def test_the_table_is_saved_and_the_command_copied(opened):
 
 @pytest.fixture(scope='module')
 def track():
-    """States of a rig with nine parameters, and what happened to it."""
+    """Return states of a rig with nine parameters, a change and a disturbance."""
     values = 1 + 0.01 * np.random.default_rng(1).standard_normal((100, 9))
     states = [
         State(float(t), theta, np.full(9, 0.01 + 1 / (1 + t)), 0.0, 0.001, Level.WARN, ('it is cold',), 0.1, True)
@@ -383,15 +381,15 @@ def track():
 
 @pytest.fixture(scope='module')
 def pages(real, track, tmp_path_factory):
-    """The page of a result and of a track."""
+    """Return the pages of a result and of a track."""
     folder = tmp_path_factory.mktemp('pages')
-    table, happened = Table(['', 'value'], [['P1', '1']]), [str(event) for event in track[1]]
+    table, events = Table(['', 'value'], [['P1', '1']]), [str(event) for event in track[1]]
     with OutputFolder(folder / 'track') as tracked:
-        return real, write_track(tracked, track, table, happened, ['day'], '')
+        return real, write_track(tracked, track, table, events, ['day'], '')
 
 
 @pytest.mark.parametrize('scheme', ['light', 'dark'])
-def test_axe_finds_nothing_serious_and_headings_are_in_order_in_main(opened, pages, scheme):
+def test_pages_have_no_serious_accessibility_finding_and_ordered_headings(opened, pages, scheme):
     for file in pages:
         page = opened(file, color_scheme=scheme)
         page.evaluate('document.querySelectorAll("details").forEach((each) => { each.open = true; })')
@@ -404,12 +402,12 @@ def test_axe_finds_nothing_serious_and_headings_are_in_order_in_main(opened, pag
         assert all(after <= before + 1 for before, after in pairwise(levels))
 
 
-def test_what_became_of_parameters_is_explored_beside_what_happened(opened, pages, track):
+def test_the_page_of_a_track_shows_parameters_and_events_over_time(opened, pages, track):
     states, _ = track
-    assert plot_track(states[:1], []).content.data()['panels'], 'of one state, too'
+    assert plot_track(states[:1], []).content.data()['panels'], 'also for one state'
     page = opened(pages[1])
     before = page.evaluate(RANGES)['track']
-    assert len(before) == 10, 'nine parameters, and what is left unexplained'
+    assert len(before) == 10, 'nine parameters and the unexplained torque'
     drag(page, over(page, 'track'), 0.25, 0.5)
     after = page.evaluate(RANGES)['track']
     assert all(panel == after[0] for panel in after)

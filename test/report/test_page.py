@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page: its numbers are the result file's, nothing comes from elsewhere, nothing a user typed is markup."""
+"""The page of a result: its numbers, downloads, command, and independence of other files."""
 
 import csv
 import html
@@ -36,7 +36,7 @@ VOID = {'meta', 'link', 'img', 'input'}
 
 
 class Page(HTMLParser):
-    """A page taken apart: its text, the texts of its table rows, its links, and whether its tags match."""
+    """A parsed page: its text, its table rows, its links and its tags, which must match."""
 
     def __init__(self, text):
         super().__init__()
@@ -63,12 +63,12 @@ class Page(HTMLParser):
                 self.rows[-1] += f'{text} '
 
     def row(self, *words):
-        """The words of the first row of a table that begins with these."""
+        """Return the words of the first table row that begins with these."""
         return next(row.split() for row in self.rows if row.split()[: len(words)] == [*words])
 
 
 def values(result):
-    """Every number of a result, but for those of single runs and matrices."""
+    """Return every number of a result, without the numbers of single runs."""
     if isinstance(result, dict):
         return [number for key, value in result.items() if not key.endswith('_runs') for number in values(value)]
     if isinstance(result, (list, tuple)):
@@ -79,8 +79,8 @@ def values(result):
 @pytest.mark.parametrize(
     'options', [{}, {'optimizer': 'mde', 'criteria': ('energy',)}, {'criteria': ('energy',), 'validate': False}]
 )
-def test_every_number_in_a_table_is_one_of_the_result_file(options):
-    """Or the half-width of an interval, or of an earlier result beside it."""
+def test_every_number_in_a_table_is_in_the_result_file(options):
+    """It may also be the half-width of an interval, or from the reference."""
     result, reference = plain(**options), plain(('weak',))
     zero = {'recording': 'swing', 'q1': -3.26, 'q1_std_error': 0.24, 'q2': None, 'q2_std_error': None, 'unit': 'degree'}
     result |= {'zeros': [zero], 'advice': ['move the elbow']}
@@ -100,7 +100,7 @@ def test_every_number_in_a_table_is_one_of_the_result_file(options):
         assert float(page.row(name)[page.row(name).index('±') - 1]) == pytest.approx(entry['value'], abs=5.1e-5)
 
 
-def test_every_picture_is_shown_with_what_a_good_one_looks_like():
+def test_every_picture_has_a_sentence_about_a_good_result():
     text = result_page(typed(plain()), every_picture(), (typed(plain()), 'reference'))
     shown = text.split('<figure')[1:]
     assert len(shown) == len(every_picture()) == 6
@@ -109,10 +109,10 @@ def test_every_picture_is_shown_with_what_a_good_one_looks_like():
         assert re.search(r'\b[Gg]ood\b', good)
         assert '. ' not in good, 'one sentence'
     assert 'Diamond: reference.' in text
-    assert 'one after the other' not in text, 'there is but one recording'
+    assert 'one after the other' not in text, 'there is only one recording'
 
 
-def test_captions_follow_from_what_was_drawn():
+def test_captions_describe_the_drawn_data():
     result = made(('weak',))
     drawn = pictures(result, [motion(name='a@0:3'), motion(name='b')]).values()
     text = ' '.join(result_page(result, drawn).split())
@@ -122,7 +122,7 @@ def test_captions_follow_from_what_was_drawn():
     assert 'on the training data' in text
 
 
-def test_nothing_comes_from_elsewhere():
+def test_the_page_depends_on_no_other_file():
     text = result_page(typed(plain()), every_picture(), text='schema: 1')
     page = Page(text)
     assert {link.partition(',')[0] for link in page.links if link[0] != '#'} == {
@@ -137,13 +137,13 @@ def test_nothing_comes_from_elsewhere():
 
 
 def files(page):
-    """What a page offers for download, by name."""
+    """Return the downloads of a page by name."""
     offered = re.findall(r'<a download="([^"]+)" href="data:text/plain,([^"]*)"', page)
     return {name: unquote(html.unescape(content)) for name, content in offered}
 
 
 def test_the_result_and_its_table_are_in_the_page():
-    """With every digit in the result file and in CSV; rounded, with units, in LaTeX."""
+    """Result file and CSV have every digit; LaTeX has rounded values with units."""
     result = typed(plain())
     found = files(result_page(result, [], text=result_text(result)))
     assert structured(Result, yaml.safe_load(found['result.yaml']), 'test') == result
@@ -170,42 +170,41 @@ def test_the_result_and_its_table_are_in_the_page():
         '--criterion weak --model viscous --negate tau1,tau2 --apply-remedies',
     ],
 )
-def test_the_command_on_the_page_makes_the_same_result_again(options, tmp_path, monkeypatch):
+def test_the_command_on_the_page_reproduces_the_result(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', '--output', 'swing', '--samples', '800']) == 0
     main(['identify', 'swing@0:4', *options.split(), '--output', 'first.yaml'])
     first = read_complete_result(tmp_path / 'first.yaml')
-    words = rig.command(first)
+    command = rig.command(first)
     page = result_page(first, [])
-    assert f'data-copy="{html.escape(words)}"' in page
-    main([*shlex.split(words)[1:], '--output', 'again.yaml'])
+    assert f'data-copy="{html.escape(command)}"' in page
+    main([*shlex.split(command)[1:], '--output', 'again.yaml'])
     again = read_complete_result(tmp_path / 'again.yaml')
     assert again.parameters == first.parameters
     assert again.criteria == first.criteria
 
 
-def report(tmp_path, result, motions=None, beside=None, **how):
+def report(tmp_path, result, motions=None, reference=None, **options):
     with OutputFolder(tmp_path / 'look') as folder:
-        return write_report(folder, result, motions, beside, (), lambda *_: None, **how).read_text()
+        return write_report(folder, result, motions, reference, (), lambda *_: None, **options).read_text()
 
 
-def test_absolute_folders_are_on_the_page_only_if_asked(tmp_path):
-    """Neither in sentences nor in plots, links, downloads or the command."""
+def test_absolute_paths_are_on_the_page_only_on_request(tmp_path):
+    """This holds for sentences, plots, links, downloads and the command."""
     result = plain(('weak',))
     result['bags'][0]['bag'] = 'swing' + IN_MEMORY
-    assert 'data-copy=' not in result_page(typed(result), []), 'no command repeats it'
+    assert 'data-copy=' not in result_page(typed(result), []), 'no command can repeat it'
     result['bags'][0]['bag'] = '/home/ann & co/swing@0:4'
     result['warnings'] = ['in /home/ann & co/swing@0:4 a link stands still']
     named = motion(name='/home/ann & co/swing@0:4'), motion(name='b')
     text = report(tmp_path, typed(result), ([named[0]], [named[1]]))
     assert 'ann' not in text.replace('mann', '')
     assert text.count('swing@0:4') >= 4
-    asked = report(tmp_path / 'asked', typed(result), paths=True)
-    assert asked.count('/home/ann') >= 4
+    requested = report(tmp_path / 'requested', typed(result), paths=True)
+    assert requested.count('/home/ann') >= 4
 
 
-def test_a_reference_stands_beside_the_result_with_its_errors(tmp_path):
-    """They are those that the identification finds for these parameters on the same data."""
+def test_a_reference_is_shown_with_its_prediction_errors_on_the_same_data(tmp_path):
     found, result, bag = identified(('energy', 'weak')), made(('energy', 'weak')), swing()
     other = result.criteria['energy']
     page = Page(
@@ -216,16 +215,16 @@ def test_a_reference_stands_beside_the_result_with_its_errors(tmp_path):
     for state, words in STATES.items():
         before, after = map(float, rows[words][-2:])
         assert after == pytest.approx(found.best.prediction.fit[2][list(STATES).index(state)], abs=0.051)
-        assert before == pytest.approx(other.prediction.fit[state][2], abs=0.3), 'but for the delay, 10 us'
+        assert before == pytest.approx(other.prediction.fit[state][2], abs=0.3), 'except for the delay, 10 us'
     assert any(row.split() == ['by', 'hand', 'identified'] for row in page.rows)
 
 
-def test_a_corrected_recording_stands_beside_itself_as_recorded():
+def test_a_corrected_recording_is_compared_with_the_uncorrected_one():
     good, bag = made(), swing()
-    turned = replace(bag, tau=-bag.tau)
+    reversed_effort = replace(bag, tau=-bag.tau)
 
     def load(conversion):
-        read = conversion.motion(turned.t, turned.q, turned.tau, None, 'swing')
+        read = conversion.motion(reversed_effort.t, reversed_effort.q, reversed_effort.tau, None, 'swing')
         return Datasets((read[:400],), (read[400:800],), (SOURCE,), ())
 
     result, _ = identify_recordings(load, Settings(('weak',), 'viscous', 'lsq'), apply_remedies=True)
@@ -242,29 +241,29 @@ def test_a_corrected_recording_stands_beside_itself_as_recorded():
     assert '--negate tau1,tau2' in text
 
 
-def test_warnings_stand_at_the_top_in_words():
+def test_warnings_are_at_the_top_of_the_page():
     result = plain()
     result |= {'level': 'ERROR', 'warnings': ['not physical: P1 < 0', 'cut & dried'], 'consequences': ['b1 < 0']}
     result['criteria']['weak']['consequences'] = ['b1 < 0']
     text = result_page(typed(result), [])
-    for said in ('not physical: P1 &lt; 0', 'cut &amp; dried', 'weak: b1 &lt; 0'):
-        assert text.index(said) < text.index('<h2 id="parameters"')
+    for sentence in ('not physical: P1 &lt; 0', 'cut &amp; dried', 'weak: b1 &lt; 0'):
+        assert text.index(sentence) < text.index('<h2 id="parameters"')
     assert 'do not use these parameters in a controller' in text
     others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
     assert all(html.escape(warning) in text for warning in others)
 
 
-def test_what_a_user_named_is_no_markup():
+def test_names_of_the_user_are_escaped():
     result = plain()
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
     text = result_page(typed(result), [], notes=['<script>'])
-    assert text.count('<script') == 2, "the page's own"
+    assert text.count('<script') == 2, "the page's scripts"
     drawn = pictures(made(('weak',)), [motion(name='</script><iframe>'), motion(name='b')]).values()
     assert 'iframe' not in Page(result_page(typed(result), drawn)).tags
 
 
-def test_reservations_and_correlations_stand_beside_their_parameter():
+def test_reservations_and_correlations_are_in_the_row_of_their_parameter():
     result = plain()
     result['parameters']['P4'] |= {'on_bound': True, 'std_error': None}
     result |= {'not_covered': {'P4': 'on its bound', 'b1': 'its 95 % interval reaches 0'}}
@@ -277,5 +276,5 @@ def test_reservations_and_correlations_stand_beside_their_parameter():
     assert text.count('to improve: speed') == 1
     matrix = result['criteria'][result['criterion']]['correlation']
     for k, name in enumerate(result['parameters']):
-        together = {other for j, other in enumerate(result['parameters']) if j != k and abs(matrix[k][j] or 0) > 0.95}
-        assert set(re.findall(r'with (\w+):', rows[name])) == together
+        correlated = {other for j, other in enumerate(result['parameters']) if j != k and abs(matrix[k][j] or 0) > 0.95}
+        assert set(re.findall(r'with (\w+):', rows[name])) == correlated

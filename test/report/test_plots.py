@@ -1,11 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Plots and figures: of the right numbers; the same arrays, the same bytes; long recordings, small files."""
+"""Plots and figures: their numbers, and small files for long recordings."""
 
 import json
 import math
-import warnings
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -26,8 +25,8 @@ from test.report.pictures import every_picture, motion, pictures, swing
 from test.virtual import recording
 
 
-def of_this(result, **values):
-    """A result with other values of some parameters."""
+def with_values(result, **values):
+    """Return the result with changed parameter values."""
     best = result.criteria[result.criterion]
     changed = best.parameters | {name: replace(best.parameters[name], value=v) for name, v in values.items()}
     return replace(
@@ -36,18 +35,18 @@ def of_this(result, **values):
 
 
 def lines(picture):
-    """The values of all lines, a list a panel."""
+    """Return the values of all lines, a list per panel."""
     return [[np.concatenate(line.values) for line in panel.lines] for panel in picture.content.panels]
 
 
-def test_residuals_are_those_of_J_and_innovations_are_white_and_of_unit_variance():
+def test_residuals_agree_with_J_and_innovations_are_white_with_unit_variance():
     result = made()
     drawn = pictures(result, [swing()[:400]])
     for criterion in ('energy', 'weak'):
         (found,), J = lines(drawn[f'residuals_{criterion}']), result.criteria[criterion].J
-        everything = np.concatenate(found)
-        assert everything.size == J.residuals
-        np.testing.assert_allclose((everything**2).mean(), J.training, rtol=1e-6)
+        residuals = np.concatenate(found)
+        assert residuals.size == J.residuals
+        np.testing.assert_allclose((residuals**2).mean(), J.training, rtol=1e-6)
     (panel,) = drawn['residuals_likelihood'].content.panels
     assert panel.unit == 'standard deviations'
     np.testing.assert_allclose(np.diff(panel.times[0]), 0.05, rtol=1e-3)
@@ -77,9 +76,9 @@ def test_the_simulation_is_a_rollout_from_measured_states_with_the_recorded_torq
             np.testing.assert_allclose(errors, shown - states[k, begin : begin + steps - 1], atol=1e-5)
 
 
-def test_the_worst_part_of_long_recordings_is_shown_behind_the_others():
+def test_the_part_of_long_recordings_with_the_largest_error_is_shown():
     good = recording(4000, name='b')
-    # For two seconds the recorded torque is not the one that acted.
+    # For 2 s the recorded torque differs from the acting torque.
     tau = good.tau + np.outer((good.t > 25) & (good.t < 27), [0.05, 0.0])
     first = recording(800, seed=2, name='a')
     (picture,) = plots.Prepared.of(made(), [first, replace(good, tau=tau)], []).simulation()
@@ -88,17 +87,16 @@ def test_the_worst_part_of_long_recordings_is_shown_behind_the_others():
     assert t[0] < 25 < 27 < t[-1] <= t[0] + plots.SHOWN
 
 
-def test_a_simulation_that_diverges_is_drawn_as_far_as_it_goes_without_a_warning():
-    with warnings.catch_warnings():
-        warnings.simplefilter('error')
-        (picture,) = plots.Prepared.of(of_this(made(), b1=-10.0, b2=-10.0), [swing()[:400]], []).simulation()
+@pytest.mark.filterwarnings('error')
+def test_a_diverging_simulation_is_drawn_while_finite_and_gives_no_warning():
+    (picture,) = plots.Prepared.of(with_values(made(), b1=-10.0, b2=-10.0), [swing()[:400]], []).simulation()
     assert np.isnan(lines(picture)[0][1]).sum() > 10
     svg = picture.files('svg')['svg']
     assert b'inf' not in svg
     assert b'nan' not in svg
 
 
-def test_each_is_a_complete_SVG_with_nothing_from_elsewhere():
+def test_each_picture_is_an_SVG_without_references_to_other_files():
     for picture in every_picture():
         root = ElementTree.fromstring(picture.files('svg')['svg'])
         assert root.tag.endswith('svg')
@@ -107,14 +105,14 @@ def test_each_is_a_complete_SVG_with_nothing_from_elsewhere():
 
 
 @given(arrays.arrays(float, st.tuples(st.integers(1, 400), st.integers(1, 3)), elements=st.floats(-1e6, 1e6)))
-def test_thinned_lines_keep_what_can_be_seen(values):
+def test_thinned_lines_keep_their_extremes(values):
     kept = thinned(values, 40)
     assert len(kept) <= max(40, 6 * values.shape[1]) or len(values) <= 40
     assert (np.diff(kept) > 0).all()
     np.testing.assert_array_equal(np.ptp(values[kept], axis=0), np.ptp(values, axis=0))
 
 
-def test_an_hour_at_1_kHz_makes_small_figures():
+def test_a_recording_of_an_hour_at_1_kHz_gives_small_files():
     hour = motion(3_600_000, 0.001)
     plot = TimePlot([Panel('q', 'rad', [hour.t], [Line('', [q], 'red') for q in hour.q.T])])
     picture = plots.Picture('hour', plot)
@@ -122,7 +120,7 @@ def test_an_hour_at_1_kHz_makes_small_figures():
     assert len(json.dumps(plot.data())) < 150_000
 
 
-def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
+def test_parts_of_one_bag_share_its_time_axis_and_other_bags_follow():
     parts = [motion(name='a@0:3'), motion(name='b'), motion(name='a@3:', start=3.0)]
     drawn = pictures(made(('weak',)), parts[:2], parts[2:])
     for name in ('recordings', 'simulation', 'torque_left', 'residuals_weak'):
@@ -133,8 +131,8 @@ def test_recordings_of_one_bag_share_its_time_and_others_stand_behind_it():
     assert drawn['recordings'].about['recordings'] == ['a', 'b']
 
 
-def test_pieces_are_one_line_with_gaps_where_time_always_ascends():
-    """Also where a piece begins when the one before it ends, or is longer than what is shown of it."""
+def test_pieces_are_joined_by_gaps_in_ascending_time():
+    """A piece may begin at the end of the previous piece, and is thinned."""
     t = np.linspace(0, 1, 5000)
     pieces = [np.sin(9 * t)[:, None], t[:, None], np.empty((0, 1))]
     joined_t, y = joined([t, t + 1, np.array([])], pieces, 400)
@@ -144,7 +142,7 @@ def test_pieces_are_one_line_with_gaps_where_time_always_ascends():
     assert joined([], [])[0].shape == (0,)
 
 
-def test_a_band_has_both_its_edges_on_the_page_and_in_the_static_figure():
+def test_a_band_has_both_edges_on_the_page_and_in_the_static_figure():
     t = np.arange(3.0)
     band = Line('a', [np.full(3, 1e-5)], 'red', style='band', upper=[np.full(3, 3e-5)])
     plot = TimePlot([Panel('a', 'kg m^2', [t], [band])])
@@ -155,7 +153,7 @@ def test_a_band_has_both_its_edges_on_the_page_and_in_the_static_figure():
     assert len(axis.collections) == 1
 
 
-def test_a_swing_up_shows_both_links_from_upright_the_torque_and_its_limit(tmp_path):
+def test_the_figure_of_a_swing_up_shows_both_links_the_torque_and_its_limit(tmp_path):
     t = np.arange(200) * 0.01
     q = np.column_stack([np.linspace(-math.pi / 2, math.pi / 2, 200), np.zeros(200)])
     plots.draw_balance(tmp_path / 'a.svg', Trajectory(t, q, np.column_stack([np.sin(t), 0 * t])), 2.0)

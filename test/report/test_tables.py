@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The tables of a result, for a terminal and as HTML: everything that matters, within its width."""
+"""The tables of a result, for a terminal and as HTML."""
 
 import json
 import re
@@ -30,7 +30,7 @@ OK = 'the 95 % intervals hold, given the torque scale, the clock and g'
 
 
 def columns(text):
-    """The cells of every line, by its first."""
+    """Return the cells of every line by its first cell."""
     return {cells[0]: cells[1:] for line in text.splitlines() if (cells := re.split(r'  +', line.strip()))}
 
 
@@ -47,7 +47,7 @@ def test_a_table_is_aligned_text_and_escaped_html_with_its_notes():
 
 
 @pytest.mark.parametrize('arguments', [(), MDE, (('energy', 'weak'), 'geared')])
-def test_everything_fits_a_terminal_and_needs_the_plain_data_alone(arguments):
+def test_the_summary_of_plain_data_fits_a_terminal(arguments):
     result = json.loads(json.dumps(plain(*arguments)))
     text = summary(typed(result))
     assert max(map(len, text.splitlines())) <= 120
@@ -61,7 +61,7 @@ def test_everything_fits_a_terminal_and_needs_the_plain_data_alone(arguments):
     assert rows['level'] == [entry['level'] for entry in result['criteria'].values()]
 
 
-def test_what_is_not_in_the_model_has_no_row_and_is_named():
+def test_a_parameter_that_is_not_in_the_model_has_a_note_instead_of_a_row():
     table = parameter_table(typed(plain(('weak',), 'geared')))
     assert 'not in the model: k2, because the effort of the elbow is always zero' in table.text()
     assert [row[0].split()[0] for row in table.rows] == list(NAMES[:13])
@@ -71,16 +71,18 @@ def test_a_parameter_is_shown_with_its_interval_and_its_reservations():
     result = plain(('energy',))
     rows = columns(parameter_table(typed(result)).text())
     for name, entry in result['parameters'].items():
-        value, interval, *doubts = rows[f'{name} [{entry["unit"]}]']
+        value, interval, *reservations = rows[f'{name} [{entry["unit"]}]']
         assert float(value) == pytest.approx(entry['value'], abs=5.1e-5)
-        assert doubts == (['on its bound'] if entry['on_bound'] else [] if entry['determined'] else ['undetermined'])
+        assert reservations == (
+            ['on its bound'] if entry['on_bound'] else [] if entry['determined'] else ['undetermined']
+        )
         if not entry['on_bound']:
             low, high = map(float, interval.split(' to '))
             assert low <= float(value) <= high
     assert {'on its bound', 'undetermined'} <= {row[-1] for row in rows.values() if row}
 
 
-def test_the_papers_answer_stands_beside_the_published_one():
+def test_the_papers_estimate_is_shown_beside_the_selected_one():
     result, mde = plain(('weak',), 'auto'), plain(*MDE)['criteria']['energy']
     assert parameter_table(typed(result)).head[3] == 'energy'
     result['criteria']['energy'] = energy = mde
@@ -93,7 +95,7 @@ def test_the_papers_answer_stands_beside_the_published_one():
     assert 'energy by MDE' not in parameter_table(typed(plain(*MDE))).head
 
 
-def test_intervals_are_by_the_degrees_of_freedom_of_their_standard_errors():
+def test_intervals_depend_on_the_degrees_of_freedom_of_the_standard_errors():
     result = plain()
     first = result['parameters']['P1'] | {'std_error': 0.1, 'degrees_of_freedom': 3.0}
     first['interval'] = [first['value'] - 0.318, first['value'] + 0.318]
@@ -104,27 +106,27 @@ def test_intervals_are_by_the_degrees_of_freedom_of_their_standard_errors():
     assert '± 0.31' in comparison_table(typed(result)).text()
 
 
-@pytest.mark.parametrize(('accepted', 'said'), [(True, 'compensated'), (False, 'possible')])
-def test_effects_are_shown_whether_compensated_or_not(accepted, said):
+@pytest.mark.parametrize(('accepted', 'status'), [(True, 'compensated'), (False, 'possible')])
+def test_effects_are_shown_as_compensated_or_possible(accepted, status):
     effect = {'name': 'dead zone', 'where': 'motor', 'sizes': [0.02], 'gain': 81.2, 'z': 7.3, 'moved': [0.01] * 5}
     result = plain() | {'effects': [effect | {'accepted': accepted}]}
-    assert columns(effects_table(typed(result)).text())['dead zone (motor)'] == [said, '81', '7.3']
+    assert columns(effects_table(typed(result)).text())['dead zone (motor)'] == [status, '81', '7.3']
     assert effects_table(typed(result | {'unmodelled': None, 'effects': []})) is None
 
 
-def test_warnings_come_last_and_the_level_first():
+def test_the_summary_ends_with_the_warnings():
     result = plain(('energy',))
     last = ' '.join(summary(typed(result)).split()).rsplit(f'{result["level"]}: ', len(result['warnings']))[1:]
     assert [warning.strip() for warning in last] == [' '.join(w.split()) for w in result['warnings']]
     assert 'energy alone, ' in summary(typed(plain())).split('OK: the 95 % intervals hold, given')[1]
 
 
-def test_what_a_level_of_ok_does_not_cover_is_named():
-    named = plain() | {'not_covered': {'b2': 'its 95 % interval reaches 0'}}
-    assert verdict(typed(named)) == f'{OK}; do not rely on b2 (its 95 % interval reaches 0)'
+def test_parameters_that_the_level_ok_does_not_cover_are_listed():
+    result = plain() | {'not_covered': {'b2': 'its 95 % interval reaches 0'}}
+    assert verdict(typed(result)) == f'{OK}; do not rely on b2 (its 95 % interval reaches 0)'
 
 
-def test_where_a_fault_explains_the_rest_little_else_is_shown():
+def test_findings_explained_by_a_fault_are_counted_instead_of_shown():
     result = plain()
     result |= {'level': 'ERROR', 'warnings': ['the elbow is turned'], 'consequences': ['P2 is 0'], 'advice': []}
     for entry in result['criteria'].values():
@@ -135,7 +137,7 @@ def test_where_a_fault_explains_the_rest_little_else_is_shown():
     assert 'P2 is 0' not in text
 
 
-def test_zeros_are_shown_with_half_of_their_intervals_where_a_criterion_estimates_them():
+def test_errors_of_the_zeros_are_shown_with_the_half_widths_of_their_intervals():
     result = plain(('energy',))
     assert zero_table(typed(result)) is None
     result['zeros'] = [{'recording': 'swing', 'q1': -3.26, 'q1_std_error': 0.12, 'q2': None, 'q2_std_error': None}]

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A result leads back to its recordings, settings and answers."""
+"""The recordings and settings of a result are recovered from it."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
 
 @pytest.mark.parametrize(('bags', 'validate'), [(['{}'], []), (['{}@5:9'], []), (['{}@0:6', '{}@12:'], ['{}'])])
-def test_recordings_are_divided_as_they_were(bags, validate):
+def test_recordings_of_a_result_are_divided_as_in_the_identification(bags, validate):
     data = load_datasets([b.format(SAMPLE) for b in bags], [v.format(SAMPLE) for v in validate])
     again = recordings(assemble_result(identified(('weak',)), data.sources))
     for motions, before in zip(again, (data.training, data.validation), strict=True):
@@ -30,9 +30,9 @@ def test_recordings_are_divided_as_they_were(bags, validate):
 
 
 def test_settings_of_a_result_are_read_back():
-    given = {'sliding': 0.4, 'smoothing': 0.03, 'hold': 'linear', 'delays': (-0.02, 0.01)}
-    given |= {'link_length': 0.2, 'link_mass': 0.3}
+    options = {'sliding': 0.4, 'smoothing': 0.03, 'hold': 'linear', 'delays': (-0.02, 0.01)}
+    options |= {'link_length': 0.2, 'link_mass': 0.3}
     bounds = Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9])
-    asked = Settings(('weak', 'energy'), 'coulomb', 'lsq', seed=7, bounds=bounds, **given)
-    again = settings(assemble_result(replace(identified(('weak',)), settings=asked), []))
-    assert repr(again) == repr(asked)
+    original = Settings(('weak', 'energy'), 'coulomb', 'lsq', seed=7, bounds=bounds, **options)
+    again = settings(assemble_result(replace(identified(('weak',)), settings=original), []))
+    assert repr(again) == repr(original)

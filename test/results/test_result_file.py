@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Result files: their content, its order, and what can be read back."""
+"""Result files: content, order, reading, and errors."""
 
 import json
 import subprocess
@@ -36,7 +36,7 @@ def test_a_written_result_is_read_back(tmp_path):
     text = path.read_text()
     assert result_text(read_complete_result(path)) == text
     assert max(map(len, text.splitlines())) < 130
-    assert '&id' not in text, 'no aliases: people read this'
+    assert '&id' not in text, 'no aliases, for readability'
 
 
 @pytest.mark.parametrize('model', ['viscous', 'geared'])
@@ -46,7 +46,7 @@ def test_the_selected_parameters_come_first(model):
     assert list(data)[:3] == ['schema', 'parameters', 'level']
 
 
-def test_parameters_without_an_elbow_motor_are_named(tmp_path):
+def test_parameters_of_a_missing_elbow_motor_are_not_in_the_model(tmp_path):
     result = made(('weak',), 'geared')
     assert result.not_in_model == ['k2, because the effort of the elbow is always zero']
     assert 'k2' not in result.not_covered
@@ -73,10 +73,10 @@ def test_every_number_has_its_uncertainty():
 
 def test_unknown_numbers_are_null_and_parameters_on_a_bound_are_marked():
     best, data = identified(('energy',), validate=False).best, plain(('energy',), validate=False)
-    held = [entry['on_bound'] for entry in data['parameters'].values()]
-    assert held == (~best.free).tolist()
-    assert any(held), 'so little says too little for this criterion'
-    assert data['covariance'][held.index(True)] == [None] * 7
+    on_bound = [entry['on_bound'] for entry in data['parameters'].values()]
+    assert on_bound == (~best.free).tolist()
+    assert any(on_bound), 'the recording is too short for this criterion'
+    assert data['covariance'][on_bound.index(True)] == [None] * 7
     assert data['J']['validation'] is None
     assert data['effort']['delay_std_error'] is None
 
@@ -93,7 +93,7 @@ def test_zeros_are_in_degrees_by_recording():
 
 @pytest.fixture
 def by_hand(tmp_path):
-    """Writes a file with the paper's parameters and nothing else, some of them changed, or left out with None."""
+    """Return a function that writes a file with the paper's parameters, changed or, with None, omitted."""
 
     def by_hand(**changes):
         entries = {name: {'value': value} for name, value in asdict(PAPER).items()} | changes
@@ -104,20 +104,20 @@ def by_hand(tmp_path):
     return by_hand
 
 
-def test_parameters_that_are_0_may_be_absent(by_hand):
+def test_zero_parameters_may_be_absent(by_hand):
     braked = by_hand(Fc1=None, Fc2={'value': 0.1}, J2=None, Fs1=None, k2=None)
     assert read_result(braked).theta == replace(PAPER, Fc2=0.1)
 
 
 def test_handwritten_numbers_are_read(tmp_path):
-    """YAML takes 4e-4, without a point, for a text, and 1 for a whole number."""
+    """YAML reads 4e-4 without a point as text, and 1 as an integer."""
     path = tmp_path / 'r.yaml'
     others = ', '.join(f'{name}: {{value: 1}}' for name in ('P1', 'P3', 'P4', 'P5', 'b1', 'b2'))
     entry = '{value: 4e-4, std_error: 2e-5, interval: [36e-5, .inf]}'
     path.write_text(f'schema: 1\nparameters: {{P2: {entry}, {others}}}\n')
     given = read_result(path)
     assert type(given) is PartialResult
-    assert tuple(given.parameters) == NAMES[:7], 'in the order of theta, whatever the order of the file'
+    assert tuple(given.parameters) == NAMES[:7], 'in the order of theta'
     assert given.parameters['P2'] == Parameter(value=4e-4, std_error=2e-5, interval=(36e-5, None))
     assert all(isinstance(entry.value, float) for entry in given.parameters.values())
 
@@ -136,13 +136,13 @@ def test_handwritten_numbers_are_read(tmp_path):
         (None, 'has no parameter vector: check b2; one number each is expected for P1, P2'),
     ],
 )
-def test_invalid_numbers_are_one_sentence(by_hand, entry, sentence):
+def test_invalid_numbers_are_refused_in_one_sentence(by_hand, entry, sentence):
     with pytest.raises(ResultError, match=f'r.yaml:? {sentence}'):
         read_result(by_hand(b2=entry))
 
 
 @pytest.mark.parametrize('text', ['', '[]', 'parameters: {P1: {value: 1}}', 'schema: 2', '{'])
-def test_a_file_without_a_result_is_one_sentence(tmp_path, text):
+def test_a_file_without_a_result_is_refused_in_one_sentence(tmp_path, text):
     (tmp_path / 'r.yaml').write_text(text)
     with pytest.raises(ResultError, match=r'r.yaml is no (result of schema 1|YAML file); name a file that pendubot'):
         read_result(tmp_path / 'r.yaml')
@@ -157,19 +157,19 @@ def test_a_file_without_a_result_is_one_sentence(tmp_path, text):
         (('bags', 0, 'sha256'), 'r.yaml: bags.0.*sha256.*; name a file'),
     ],
 )
-def test_an_incomplete_result_is_one_sentence(tmp_path, path, sentence):
-    at = data = plain()
-    *way, last = path
-    for key in way:
-        at = at[key]
-    del at[last]
+def test_an_incomplete_result_is_refused_in_one_sentence(tmp_path, path, sentence):
+    entry = data = plain()
+    *keys, last = path
+    for key in keys:
+        entry = entry[key]
+    del entry[last]
     write(tmp_path / 'r.yaml', data)
     with pytest.raises(ResultError, match=sentence):
         read_complete_result(tmp_path / 'r.yaml')
 
 
-def test_reading_parameters_needs_no_mathematics():
-    """A virtual board that takes a result's parameters starts at once."""
+def test_reading_parameters_imports_no_large_package():
+    """A virtual board with the parameters of a result starts at once."""
     code = (
         'import sys, pendubot_identification.results.result_file\n'
         "assert not {'scipy', 'mcap', 'rosbags'} & set(sys.modules), sorted(sys.modules)"

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The conversion of a recording, its options and its correction by options."""
+"""The conversion of recordings, its options and its corrections."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from pendubot_identification.trajectories.conventions import TORQUE_UNITS
 from pendubot_identification.trajectories.conversion import QUANTITIES, Affine, Conversion
 
 SIGNS = st.lists(st.sampled_from(QUANTITIES), unique=True).map(lambda names: tuple(sorted(names)))
-READINGS = st.builds(
+CONVERSIONS = st.builds(
     Conversion,
     degrees=st.booleans(),
     torque_unit=st.sampled_from(list(TORQUE_UNITS)),
@@ -33,7 +33,7 @@ def motion(conversion):
     return conversion.motion(np.arange(3) / 100, NUMBERS, 2 * NUMBERS, 3 * NUMBERS, 'some')
 
 
-@given(READINGS)
+@given(CONVERSIONS)
 def test_the_options_of_a_conversion_give_the_same_conversion(conversion):
     again = motion(Conversion.of(conversion.words()))
     for name in ('q', 'qd', 'tau'):
@@ -41,9 +41,9 @@ def test_the_options_of_a_conversion_give_the_same_conversion(conversion):
 
 
 @settings(max_examples=10)
-@given(READINGS, READINGS)
+@given(CONVERSIONS, CONVERSIONS)
 def test_a_conversion_is_corrected_into_another_by_options(one, other):
-    """Changes between any two conversions with the same torque constant are found."""
+    """Options express the change between any two conversions with the same torque constant."""
     other = replace(other, torque_constant=one.torque_constant)
     inverse = Affine.of(np.linalg.inv(one.affine.Q), T=np.linalg.inv(one.affine.T))
     undone = inverse._replace(c=-inverse.Q @ one.affine.c, d=-inverse.T @ one.affine.d)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Checks of samples, and identification of poor recordings."""
+"""Checks of samples, and the identification of recordings with timestamp jitter."""
 
 from dataclasses import replace
 
@@ -24,14 +24,14 @@ def test_a_good_recording_has_no_warnings(interval):
     assert data_checks([recording(int(9 / interval), interval)]) == []
 
 
-def test_an_effort_at_its_limit_is_named():
+def test_an_effort_at_its_limit_is_reported():
     motion = recording()
     cut = replace(motion, tau=np.clip(motion.tau, -0.3, 0.3))
     (sentence,) = data_checks([cut])
     assert 'the effort of the shoulder is at its maximum of 0.3 N m in 62 % of' in sentence
 
 
-def test_angles_that_are_cut_off_are_named_at_both_ends():
+def test_clipped_angles_are_reported_at_both_ends():
     motion = recording()
     q = motion.q.copy()
     q[:, 1] = np.clip(q[:, 1], -0.4, 0.4)
@@ -45,11 +45,11 @@ def test_missing_samples_are_counted():
     few = motion[np.random.default_rng(1).random(900) > 0.2]
     (sentence,) = data_checks([few])
     assert 'samples are missing' in sentence
-    assert abs(int(sentence.split('about ')[1].split()[0]) - (900 - len(few))) <= 2, 'but for those at the ends'
+    assert abs(int(sentence.split('about ')[1].split()[0]) - (900 - len(few))) <= 2, 'except at the ends'
 
 
 def jittering(rate, size, *, true):
-    """A recording whose stamps jitter by up to so much [s] either way, and its samples, too, or not."""
+    """Return a recording with uniform timestamp jitter +- size [s]; if ``true``, the sampling jitters as the stamps."""
     motion = recording(int(6 * rate), 1 / rate, seed=3)
     t = motion.t + np.random.default_rng(1).uniform(-size, size, len(motion))
     t = np.maximum.accumulate(t - 1e-9 * np.arange(len(t))) + 1e-9 * np.arange(len(t))
@@ -67,7 +67,7 @@ def test_inconsistent_timestamps_are_replaced_and_consistent_ones_kept():
     assert 'even stamps replace them' in sentence
     for motion, warnings in ((truth, ()), (false, (sentence,))):
         result = identify([motion], [], FAST)
-        # What false stamps leave, though even ones took their place, may look like a lag.
+        # Replaced stamps may leave a residual that resembles a lag.
         assert result.warnings[: len(warnings)] == warnings
         assert warnings or not result.warnings
         assert np.abs(result.best.theta / PAPER.vector() - 1).max() < 0.005

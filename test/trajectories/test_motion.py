@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A prepared recording against the simulation it was made of; its torques against their own integral."""
+"""Prepared recordings, compared with their simulation; mean torques, compared with their integral."""
 
 import math
 from dataclasses import replace
@@ -17,8 +17,9 @@ from pendubot_identification.model.simulation import simulate
 from pendubot_identification.trajectories.conversion import Affine
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test import virtual
 
-GEARED = Parameters(*(0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026), *(0.1, 0.05, 0.15, 0.2))
+GEARED = Parameters.from_vector(virtual.GEARED)
 
 
 def recording(t, tau, parameters=GEARED):
@@ -26,13 +27,13 @@ def recording(t, tau, parameters=GEARED):
 
 
 def drive(t):
-    """Torques without a jump, so that accelerations have none either."""
+    """Return continuous torques, for continuous accelerations."""
     return np.column_stack([2 * np.sin(7 * t), 0.3 * np.cos(5 * t)])
 
 
 @pytest.mark.parametrize('rig', [PAPER, GEARED], ids=['paper', 'geared'])
 @pytest.mark.parametrize('rate', [500, 1000])
-def test_states_and_rates_are_near_the_truth(rig, rate):
+def test_smoothed_states_and_rates_are_near_the_truth(rig, rate):
     t = np.arange(rate) / rate
     motion = recording(t, drive(t) * (1.0 if rig is GEARED else 0.05), rig)
     prepared = Motion.prepare(motion, smoothing=0.012)
@@ -42,7 +43,7 @@ def test_states_and_rates_are_near_the_truth(rig, rate):
     np.testing.assert_allclose(states[:2, inside], motion.q[inside].T, atol=1e-4)
     for velocities in (states[2:], rates[:2]):
         np.testing.assert_allclose(velocities[:, inside], motion.qd[inside].T, atol=0.02)
-    # Dry friction turns within milliseconds, which no window of 12 ms can follow; elsewhere accelerations are near too.
+    # Dry friction reverses within milliseconds, which a smoothing window of 12 ms cannot resolve.
     qdd = forward_dynamics(rig.vector(), motion.q, motion.qd, motion.tau)
     moving = (np.abs(motion.qd) > 0.3).all(axis=1)[inside] if rig is GEARED else slice(None)
     error = np.abs(rates[2:, inside] - qdd[inside].T)[:, moving]
@@ -51,7 +52,7 @@ def test_states_and_rates_are_near_the_truth(rig, rate):
 
 @st.composite
 def stamped_torques(draw):
-    """Stamps that are even or jitter, and torques at random."""
+    """Draw a trajectory with regular or jittering stamps and random torques."""
     count, jitter = draw(st.integers(60, 90)), draw(st.sampled_from([0.0, 0.05, 0.4]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     t = draw(st.floats(-5, 5)) + 0.01 * (np.arange(count) + jitter * rng.uniform(-1, 1, count))
@@ -59,7 +60,7 @@ def stamped_torques(draw):
 
 
 def impulse(trajectory, hold, begin, end):
-    """The integral of the torques, piece by piece."""
+    """Return the integral of the torques, interval by interval."""
     t, tau = trajectory.t, trajectory.tau
     total = np.zeros(2)
     for k in range(len(t) - 1):
@@ -77,9 +78,7 @@ def impulse(trajectory, hold, begin, end):
     st.floats(1e-4, 0.02),
     st.integers(1, 15),
 )
-def test_mean_torques_over_steps_conserve_the_impulse_whatever_the_step_and_where_it_starts(
-    trajectory, hold, shifts, step, steps
-):
+def test_mean_torques_over_steps_conserve_the_impulse(trajectory, hold, shifts, step, steps):
     prepared = Motion.prepare(trajectory, smoothing=0.0, hold=hold)
     starts = prepared.start + 0.01 + np.array(shifts)
     torques = prepared.torques(starts, step, steps)
@@ -89,7 +88,7 @@ def test_mean_torques_over_steps_conserve_the_impulse_whatever_the_step_and_wher
             np.testing.assert_allclose(torques[:, :last, lane].sum(axis=1) * step, expected, atol=1e-11)
 
 
-def test_a_part_is_the_same_motion_between_other_ends():
+def test_a_part_of_a_motion_has_the_same_states_and_torques():
     t = 3.0 + np.arange(300) * 0.01
     trajectory = recording(t, drive(t))
     whole = Motion.prepare(trajectory, 0.02)

@@ -23,7 +23,7 @@ def wave(t):
 
 
 @pytest.mark.parametrize('size', [4e-4, 3e-3])
-def test_jittering_stamps_are_moved_onto_the_grid_and_more_jitter_is_resampled(size):
+def test_small_jitter_of_stamps_is_rounded_to_the_grid_and_larger_jitter_is_resampled(size):
     t = np.arange(300) * 0.01
     jittered = np.sort(t + np.random.default_rng(1).uniform(-size, size, 300))
     tau = np.arange(600.0).reshape(300, 2)
@@ -49,7 +49,7 @@ def test_the_zero_order_hold_gives_the_applied_torque(seed):
 
 
 def swing(duration, rate, seed):
-    """Some smooth motion of both joints, and its velocity."""
+    """Return times, a smooth motion of both joints, and its velocity."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(duration * rate)) / rate
     size, pace, phase = rng.uniform(0.2, 1, (3, 2)), rng.uniform(1, 12, (3, 2)), rng.uniform(0, 6, (3, 2))
@@ -62,14 +62,14 @@ def read(q, counts):
 
 
 @given(st.integers(100, 1 << 15), st.sampled_from([100, 500, 1000]), st.integers(0, 10**6), st.floats(-3, 3))
-def test_the_step_of_any_encoder_is_found(counts, rate, seed, zero):
+def test_the_encoder_step_is_estimated(counts, rate, seed, zero):
     _, q, _ = swing(5, rate, seed)
     np.testing.assert_allclose(encoder_step(read(q, counts) + zero), 2 * np.pi / counts, rtol=1e-6)
 
 
 @given(st.integers(3, 1 << 24), st.integers(3, 1 << 24), st.integers(0, 10**6))
-def test_no_other_step_than_that_of_the_encoder_is_found(first, second, seed):
-    """Too coarse for the motion, or too fine, it is not found at all."""
+def test_the_estimated_encoder_step_is_right_or_unknown(first, second, seed):
+    """It is unknown, 0, if it is too coarse or too fine for the motion."""
     _, q, _ = swing(2, 200, seed)
     found = encoder_step(np.column_stack([read(q[:, 0], first), read(q[:, 1], second)]))
     for step, counts in zip(found, (first, second), strict=True):
@@ -100,6 +100,6 @@ GAP = np.r_[np.arange(100), np.arange(150, 250)] * 0.01
         (np.arange(100) * 10.0, r'10 s apart and at most 0\.1 s is expected; are its stamps in seconds'),
     ],
 )
-def test_gaps_and_samples_far_apart_are_named(t, sentence):
+def test_gaps_and_low_sampling_rates_are_refused(t, sentence):
     with pytest.raises(TrajectoryError, match=sentence):
         resample(Trajectory(t, *[wave(t)[0]] * 2))

@@ -14,7 +14,7 @@ def motion(t=None, n=100, **changes):
     return Trajectory(t, **values)
 
 
-def test_windows_are_in_seconds_from_the_first_sample_without_the_end():
+def test_a_window_is_half_open_and_in_seconds_from_the_first_sample():
     part = motion(t=5 + np.arange(100) * 0.01).window(0.1, 0.2)
     np.testing.assert_allclose(part.t, 5.1 + np.arange(10) * 0.01)
 
@@ -23,7 +23,7 @@ UNKNOWN = np.where(np.arange(200).reshape(100, 2) == 61, np.nan, 0.0)
 
 
 @pytest.mark.parametrize(
-    ('what', 'sentence'),
+    ('changes', 'sentence'),
     [
         ({'t': 4 + np.arange(100) * 0.01, 'q': UNKNOWN}, 'the first at 4.300 s'),
         ({'t': [0, 1, 1, 2]}, 'sample 2 repeats'),
@@ -36,6 +36,6 @@ UNKNOWN = np.where(np.arange(200).reshape(100, 2) == 61, np.nan, 0.0)
         ),
     ],
 )
-def test_samples_that_make_no_motion_are_refused(what, sentence):
+def test_invalid_samples_are_refused(changes, sentence):
     with pytest.raises(TrajectoryError, match=sentence):
-        motion(**what)
+        motion(**changes)
