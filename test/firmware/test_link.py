@@ -80,7 +80,7 @@ class Bench:
 # The same as on the page, and as Python's decoder
 
 
-def test_the_frames_of_the_page(probe):
+def test_the_example_frames_of_the_protocol_page_are_correct(probe):
     frames = frames_of_the_page()
     for name in ('HELLO_REQUEST', 'COMMAND', 'ARM'):
         assert probe.decode(frames[name]) == [EXAMPLES[name]]
