@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One folder with what most subcommands take."""
+"""A folder with the inputs of most subcommands."""
 
 import os
 import shutil
@@ -30,11 +30,11 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def there(made, monkeypatch):
-    """The same, entered."""
+    """The same folder as the working directory."""
     monkeypatch.chdir(made)
     return made
 
 
 def contents(folder):
-    """All files of a folder and what is in them."""
+    """Return the contents of all files below a folder, by path."""
     return {path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}

@@ -92,6 +92,6 @@ def test_the_seed_determines_the_bytes():
         (Limits, 'stall_ms', 70_000),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(kind, name, value):
+def test_invalid_settings_are_refused(kind, name, value):
     with pytest.raises(ParameterError, match=f'{name} is {value:g}'):
         BoardSettings(limits=Limits(**{name: value})) if kind is Limits else kind(**{name: value})
