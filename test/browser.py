@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Pages in a real browser, for the tests of the report and of the studio."""
+"""A real browser for the tests of the report and the studio."""
 
 import shutil
 from contextlib import contextmanager
@@ -19,8 +19,8 @@ NEEDS_BROWSER = [
     pytest.mark.skipif(CHROMIUM is None, reason='no Chromium: apt-get install chromium'),
     pytest.mark.skipif(sync_playwright is None, reason='no playwright or axe: pip install axe-playwright-python'),
 ]
-BRIGHTNESS = """([selector, what]) => {
-  const colour = getComputedStyle(document.querySelector(selector))[what];
+BRIGHTNESS = """([selector, property]) => {
+  const colour = getComputedStyle(document.querySelector(selector))[property];
   return colour.match(/\\d+/g).slice(0, 3).reduce((sum, part) => sum + Number(part), 0) / 3 }"""
 
 
@@ -35,27 +35,27 @@ def launched():
 
 @contextmanager
 def watched(browser):
-    """Yield a function that opens an address; at the end no console may have a message, and no one else a request."""
-    contexts, said = [], []
+    """Yield a function that opens an address; fail at the end for console messages or requests to other hosts."""
+    contexts, faults = [], []
 
     def opened(address, ours, timeout=30_000, **how):
         contexts.append(browser.new_context(**how))
         page = contexts[-1].new_page()
         page.set_default_timeout(timeout)
-        page.on('console', lambda message: said.append(message.text))
-        page.on('pageerror', lambda error: said.append(str(error)))
-        page.on('request', lambda r: None if r.url.startswith(ours) else said.append(r.url))
+        page.on('console', lambda message: faults.append(message.text))
+        page.on('pageerror', lambda error: faults.append(str(error)))
+        page.on('request', lambda r: None if r.url.startswith(ours) else faults.append(r.url))
         page.goto(address)
         return page
 
     yield opened
     for context in contexts:
         context.close()
-    assert said == []
+    assert faults == []
 
 
 def serious(page):
-    """The serious findings of axe-core: rules, elements and corrections."""
+    """Return the serious findings of axe-core: rules, elements and corrections."""
     found = Axe().run(page).response
     assert len(found['passes']) > 10
     return [

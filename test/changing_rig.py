@@ -1,11 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A simulated rig that changes while it moves: friction, a payload, a hand, its motor, its base.
+"""A simulated rig whose friction, payload, motor and base change during the motion, with disturbances.
 
-No code of the package is used.
-
-The equations are those of test/simulated_rig.py; the payload and link 2 are one rigid body.
+It has the equations of test/simulated_rig.py and no code of the package. Payload and link 2 are one rigid body.
 """
 
 from dataclasses import dataclass
@@ -21,18 +19,18 @@ WIDTH = 0.05
 
 @dataclass(frozen=True)
 class Day:
-    """What happens to one rig; times [s] from the recording's start, infinite for never."""
+    """The changes of one rig; times [s] from the recording's start, infinite for never."""
 
-    drift: float = 0.0  # part by which all friction has grown after 600 s, in a straight line
-    payload: float = 0.0  # as a part of link 2's mass
+    drift: float = 0.0  # relative growth of all friction in 600 s, linear
+    payload: float = 0.0  # as a fraction of link 2's mass
     payload_at: float = np.inf
     payload_where: float = C2  # its distance from the elbow [m]
     rests: tuple = ()  # (begin, end) without torque [s]
     pushes: tuple = ()  # (time [s], joint, torque [N m], duration [s]), half a sine each
-    fades_at: float = np.inf  # the motor gives 20 % less from there on
-    fade: float = 0.0  # part of its torque that the motor loses in 400 s, in a straight line
-    fade_at: float = np.inf  # when that begins
-    tilt: float = 0.0  # of the base in the plane of motion [rad]: the angle by which gravity turns
+    fades_at: float = np.inf  # time of a loss of 20 % of the motor's torque
+    fade: float = 0.0  # fraction of its torque that the motor loses in 400 s, linear
+    fade_at: float = np.inf  # begin of this loss
+    tilt: float = 0.0  # angle of the base in the plane of motion [rad]
     tilt_at: float = np.inf
     dead_zone: float = 0.0  # torque that the driver subtracts from every torque [N m]
     dead_zone_at: float = np.inf
@@ -40,12 +38,12 @@ class Day:
 
 
 def gain(day, t):
-    """Return the part of the recorded torque that acts at times t [s]."""
+    """Return the ratio of acting and recorded torque at times t [s]."""
     return np.where(t >= day.fades_at, 0.8, 1.0) * (1 - day.fade * np.clip((t - day.fade_at) / 400, 0, 1))
 
 
 def truth(day, t):
-    """Return the nine true parameters at times t [s], shape (N, 9): those that the recorded torque moves."""
+    """Return the nine true parameters in terms of the recorded torque at times t [s], shape (N, 9)."""
     t = np.asarray(t, dtype=float)
     mass, d = day.payload * M2 * (t >= day.payload_at), day.payload_where
     friction = 1 + day.drift * t / 600
@@ -56,7 +54,7 @@ def truth(day, t):
 
 
 def record(seeds, days, *, seconds, rate=200.0, counts=4096):
-    """Return stamps [s], shape (N,), positions [rad], (K, N, 2), and torques [N m], (K, N), of K rigs side by side."""
+    """Return timestamps [s], shape (N,), positions [rad], (K, N, 2), and torques [N m], (K, N), of K rigs."""
     samples = round(seconds * rate)
     every = max(1, round(1 / rate / STEP))
     h = 1 / rate / every
@@ -100,11 +98,11 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
 
 
 def loaded(mass, distance):
-    """Return the bodies of rigs with a payload [kg] on link 2 at a distance from the elbow [m]: one rigid body."""
+    """Return the bodies of rigs with a payload [kg] on link 2 at a distance from the elbow [m]."""
     links = bodies()
-    together, moment = M2 + mass, M2 * C2 + mass * distance
-    links.m2, links.c2 = together, moment / together
-    links.i2 = I2 + M2 * C2**2 + mass * distance**2 - moment**2 / together
+    total, moment = M2 + mass, M2 * C2 + mass * distance
+    links.m2, links.c2 = total, moment / total
+    links.i2 = I2 + M2 * C2**2 + mass * distance**2 - moment**2 / total
     return links
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Real results of a few seconds of the sample bag, for tests of what is made of them."""
+"""Results of a few seconds of the sample bag."""
 
 import functools
 
@@ -23,27 +23,27 @@ SOURCE = Source('swing@0:4', 'training', 400, 3.99, '0' * 64, True)
 
 @functools.cache
 def identified(criteria=CRITERIA, model='viscous', optimizer='lsq', hold='zero', validate=True):
-    """Return what 4 s say, judged on the next 4 s or on parts of themselves."""
+    """Return the identification of 4 s, validated on the next 4 s or by cross-validation."""
     motion = read_trajectory(SAMPLE).trajectory
     validation = [motion[400:800]] if validate else []
     return identify([motion[:400]], validation, Settings(criteria, model, optimizer, hold=hold))
 
 
 def made(*args, **settings):
-    """Return the same as a result."""
+    """Return the identification as a result."""
     return assemble_result(identified(*args, **settings), [SOURCE])
 
 
 def plain(*args, **settings):
-    """Return the same as plain data, a copy of one's own."""
+    """Return the result as plain data, a new copy."""
     return plain_of(made(*args, **settings))
 
 
 def result(data):
-    """Return the result that plain data are of."""
+    """Return the result of plain data."""
     return structured(Result, data, 'test')
 
 
 def write(path, data):
-    """Write plain data as the file of a result."""
+    """Write plain data to a result file."""
     path.write_text(yaml.safe_dump(data, sort_keys=False))

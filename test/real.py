@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The real recordings that lie beside the project, if they do; a test that needs them is marked `recordings`."""
+"""The real recordings beside the project; tests that need them have the mark `recordings`."""
 
 import csv
 
@@ -23,7 +23,7 @@ def recorded(group, role):
 
 
 def strung(motions):
-    """Return the samples of motions one after the other, a second between any two, rows as the tracker takes them."""
+    """Return the samples of consecutive motions, with gaps of a second, as rows for the tracker."""
     joined, now = [], 0.0
     for motion in motions:
         joined.append(np.column_stack([now + motion.t - motion.t[0], motion.q, motion.tau]))

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A simulated rig with the imperfections of real ones. It shares no code with the package.
+"""A simulated rig with the imperfections of real ones, independent of the package.
 
-It has its own equations of motion (from the positions of the bodies) and its own Runge-Kutta integrator. All motions
-of a batch, shape (K,), are simulated side by side. The fields of :class:`Rig` are the size and the imperfections.
+It has its own equations of motion (from the positions of the bodies) and its own Runge-Kutta integrator, vectorised
+over a batch of K motions. The fields of :class:`Rig` are the size and the imperfections.
 """
 
 from dataclasses import dataclass, field, fields
@@ -17,17 +17,17 @@ GRAVITY = 9.81
 STEP = 0.0005
 #: Masses [kg], the lengths to their centres [m] and of link 1 [m], inertias about the centres [kg m^2].
 M1, M2, C1, C2, L1, I1, I2 = 0.4, 0.3, 0.10, 0.11, 0.15, 0.0010, 0.0008
-#: Viscous [N m s/rad] and Coulomb friction [N m] of both joints; the speed [rad/s] over which the latter changes sign.
+#: Viscous [N m s/rad] and Coulomb friction [N m] of both joints; speed [rad/s] over which the latter changes sign.
 B, FC, WIDTH = (0.003, 0.0008), (0.010, 0.004), 0.05
 #: Largest recorded torque [N m].
 STRENGTH = 0.35
-#: Of the motor behind a shaft or a backlash: inertia [kg m^2], stiffness [N m/rad] and damping [N m s/rad] of contact.
+#: Motor behind a shaft or a backlash: inertia [kg m^2], contact stiffness [N m/rad] and damping [N m s/rad].
 MOTOR, STIFF, DAMPED = 0.001, 60.0, 0.03
-#: Mass of a base that sways [kg], its damping ratio.
+#: Mass of a swaying base [kg], and its damping ratio.
 BASE, BASE_DAMPING = 3.0, 0.05
-#: Time constants [s] of friction and of the motor's temperature; time [s] after which a clamp has come off.
+#: Time constants [s] of friction and of the motor's temperature; time [s] at which a clamp comes off.
 WARMING, HEATING, LOOSENED = 20.0, 30.0, 20.0
-#: Speed [rad/s] of the added Stribeck friction, which is .5 in the package's model.
+#: Stribeck speed [rad/s], 0.5 in the package's model.
 STRIBECK = 0.1
 
 TRUE = {
@@ -45,52 +45,52 @@ TRUE = {
 
 @dataclass(frozen=True)
 class Rig:
-    """The size of a rig, and its imperfections; the defaults are the package's model."""
+    """The size and the imperfections of a rig; the defaults are the package's model."""
 
     length: float = 1.0  # scale of all lengths
     mass: float = 1.0  # scale of all masses
     strength: float = 1.0  # scale of the torque
-    # Effects that an estimator's catalogue may have.
+    # Effects of the estimator's catalogue.
     saturation: float = np.inf  # largest torque of the motor [N m]
-    dead_zone: float = 0.0  # the driver subtracts this much from every torque [N m]
+    dead_zone: float = 0.0  # torque that the driver subtracts from every torque [N m]
     no_load: float = np.inf  # speed [rad/s] at which back-EMF leaves no torque
     lag: float = 0.0  # time constant between the recorded and the acting torque [s]
-    offset: float = 0.0  # a torque at the shoulder that is not recorded [N m]
-    asymmetry: float = 0.0  # of Coulomb friction between the two directions, as a fraction of it
+    offset: float = 0.0  # unrecorded constant torque at the shoulder [N m]
+    asymmetry: float = 0.0  # relative difference of Coulomb friction between the two directions
     width: float = WIDTH  # speed over which Coulomb friction changes sign [rad/s]
-    stribeck: float = 0.0  # more Coulomb friction below STRIBECK, as a fraction of it
-    drag: float = 0.0  # of the air, at both joints [N m s^2/rad^2]
-    spring1: float = 0.0  # of a cable at the shoulder [N m/rad]
-    spring2: float = 0.0  # of a cable at the elbow [N m/rad]
-    drift: float = 0.0  # fraction of friction that is gone in the end, with time constant WARMING
-    cogging1: tuple = (0.0, 1)  # amplitude [N m] and number a turn, at the shoulder
-    cogging2: tuple = (0.0, 1)  # the same at the elbow
-    eccentric: float = 0.0  # error of the elbow's encoder, once a turn [rad]
+    stribeck: float = 0.0  # relative increase of Coulomb friction below STRIBECK
+    drag: float = 0.0  # air drag at both joints [N m s^2/rad^2]
+    spring1: float = 0.0  # stiffness of a cable at the shoulder [N m/rad]
+    spring2: float = 0.0  # stiffness of a cable at the elbow [N m/rad]
+    drift: float = 0.0  # final relative loss of friction, with time constant WARMING
+    cogging1: tuple = (0.0, 1)  # amplitude [N m] and periods per turn at the shoulder
+    cogging2: tuple = (0.0, 1)  # amplitude [N m] and periods per turn at the elbow
+    eccentric: float = 0.0  # amplitude of the elbow encoder's error, one period per turn [rad]
     # Motor.
-    heat: float = 0.0  # fraction of the torque that a hot motor lacks, with time constant HEATING
-    quantised: float = 0.0  # step of the torque that the driver applies [N m]
+    heat: float = 0.0  # relative loss of torque of a hot motor, with time constant HEATING
+    quantised: float = 0.0  # resolution of the driver's torque [N m]
     # Gear.
-    backlash: float = 0.0  # between motor and link 1, in all [rad]; the encoder is on the link
-    shaft: float = 0.0  # compliance between motor, with the encoder, and link 1 [rad/(N m)]
-    rub: float = 0.0  # friction varies once a turn by this fraction
+    backlash: float = 0.0  # total backlash between motor and link 1 [rad]; the encoder is on the link
+    shaft: float = 0.0  # compliance between motor and link 1 [rad/(N m)]; the encoder is on the motor
+    rub: float = 0.0  # relative variation of friction, one period per turn
     # Mount.
-    sway: float = np.inf  # eigenfrequency of the base, sideways [Hz]
-    lean: float = 0.0  # of the base in the plane of motion, after its zeros were set [rad]
+    sway: float = np.inf  # natural frequency of the base's sideways motion [Hz]
+    lean: float = 0.0  # angle of the base in the plane of motion after setting the zeros [rad]
     # Sensors.
-    slip: float = 0.0  # the elbow's encoder loses so many counts, three times [rad]
-    jitter: float = 0.0  # of the stamps, uniform +- [s]; the samples are even
+    slip: float = 0.0  # angle that the elbow's encoder loses, three times [rad]
+    jitter: float = 0.0  # uniform timestamp jitter +- [s] of evenly spaced samples
     # Wiring.
-    dropped: float = 0.0  # fraction of the samples that is missing
-    swapped: float = 0.0  # fraction of the samples that changes places with the next one
+    dropped: float = 0.0  # fraction of missing samples
+    swapped: float = 0.0  # fraction of samples that are exchanged with the next one
     # Handling.
-    stop: float = np.inf  # elbow's end stops [rad]
-    cable: float = 0.0  # a cable touches link 2 over half a turn, up to this torque [N m]
-    loose: float = 0.0  # fraction of link 2's mass that a clamp adds until it comes off after LOOSENED
-    pushes: int = 0  # by a hand, in each recording
+    stop: float = np.inf  # angle of the elbow's end stops [rad]
+    cable: float = 0.0  # largest torque of a cable that touches link 2 over half a turn [N m]
+    loose: float = 0.0  # mass of a clamp, as a fraction of link 2's, that comes off at LOOSENED
+    pushes: int = 0  # number of pushes by hand in each recording
 
 
 def times(name, *values):
-    """Return rigs of which one imperfection has these strengths."""
+    """Return rigs with these strengths of one imperfection."""
     return tuple(Rig(**{name: value}) for value in values)
 
 
@@ -114,7 +114,7 @@ CATALOGUE = {
     'cogging, elbow, 4 a turn': times('cogging2', (0.002, 4), (0.004, 4), (0.008, 4)),
     'cogging, elbow, 11 a turn': times('cogging2', (0.002, 11), (0.004, 11), (0.008, 11)),
 }
-#: Imperfections that no catalogue has.
+#: Imperfections outside the catalogue.
 UNKNOWN = {
     'heat': times('heat', 0.05, 0.1, 0.2),
     'quantised torque': times('quantised', 0.01, 0.03, 0.07),
@@ -137,7 +137,7 @@ SIZES = {'tiny': Rig(length=0.2, mass=0.2, strength=0.14), 'present': Rig(), 'la
 
 
 def true(rig):
-    """Return the parameters of a rig without its imperfections; a motor behind a gear turns with link 1."""
+    """Return the parameters of a rig without its imperfections, including the inertia of a motor behind a gear."""
     force = rig.mass * rig.length
     unit = {'P1': force * rig.length, 'P4': force, 'b1': force * rig.length**0.5, 'Fc1': force}
     unit |= {'P2': unit['P1'], 'P3': unit['P1'], 'P5': force, 'b2': unit['b1'], 'Fc2': force}
@@ -147,7 +147,7 @@ def true(rig):
 
 @dataclass
 class Recording:
-    """Stamps [s], positions [rad], the shoulder's torque [N m]; shapes (N,), (N, 2), (N,)."""
+    """Timestamps [s], positions [rad], the shoulder's torque [N m]; shapes (N,), (N, 2), (N,)."""
 
     t: np.ndarray
     q: np.ndarray
@@ -171,10 +171,10 @@ def bodies(length=1.0, mass=1.0, more=0.0):
 
 
 def accelerations(q1, q2, v1, v2, torque1, torque2, b=None, gravity=(0.0, GRAVITY), base=None):
-    """Return both accelerations under the sum of torques about each joint (the elbow's acts on link 1 reversed).
+    """Return the accelerations of both joints under the torques about each joint.
 
-    ``gravity``: towards -x and -y [m/s^2]. ``base``: mass [kg] and force [N] of a base that sways, whose acceleration
-    is returned as a third.
+    ``gravity``: towards -x and -y [m/s^2]. ``base``: mass [kg] and force [N] of a swaying base, whose acceleration
+    is the third value.
     """
     b = b or bodies()
     # Jacobians of the two centres, J1 = (-c1 sin, c1 cos) and J2 with both joints, and M = sum m J^T J + inertias.
@@ -184,7 +184,7 @@ def accelerations(q1, q2, v1, v2, torque1, torque2, b=None, gravity=(0.0, GRAVIT
     m11 = b.m1 * b.c1**2 + b.m2 * (x1**2 + y1**2) + b.i1 + b.i2
     m12 = b.m2 * (x1 * x2 + y1 * y2) + b.i2
     m22 = b.m2 * (x2**2 + y2**2) + b.i2
-    # The second centre's acceleration with both joints at constant speed.
+    # Acceleration of the second centre for constant joint speeds.
     both = (v1 + v2) ** 2
     gx, gy = gravity
     ax = -b.l1 * k1 * v1**2 - b.c2 * k12 * both
@@ -195,7 +195,7 @@ def accelerations(q1, q2, v1, v2, torque1, torque2, b=None, gravity=(0.0, GRAVIT
     a1, a2 = (m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant
     if base is None:
         return a1, a2
-    # The base accelerates by a0: M a + h a0 = r, and h a + (all masses) a0 = its force less what both links exert.
+    # Base acceleration a0: M a + h a0 = r, and h a + (all masses) a0 = its force minus the force of both links.
     h1, h2 = b.m2 * x1 - b.m1 * b.c1 * s1, b.m2 * x2
     d1, d2 = (m22 * h1 - m12 * h2) / determinant, (m11 * h2 - m12 * h1) / determinant
     heavy, force = base
@@ -205,7 +205,7 @@ def accelerations(q1, q2, v1, v2, torque1, torque2, b=None, gravity=(0.0, GRAVIT
 
 
 def pulses(rng, samples, rate, strength, shortest, longest):
-    """Return a torque that takes a new random value every so often, as its samples, shape (N,)."""
+    """Return the samples of a piecewise constant random torque, shape (N,)."""
     held = rng.uniform(shortest, longest, int(samples / rate / shortest) + 2)
     values = rng.uniform(-strength, strength, held.size)
     return values[np.searchsorted(np.cumsum(held), np.arange(samples) / rate, side='right')]
@@ -214,8 +214,8 @@ def pulses(rng, samples, rate, strength, shortest, longest):
 def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, held=(0.1, 0.5), begin=0.0, delay=0.0, step=STEP):
     """Return one recording for each seed and rig.
 
-    ``counts`` of the encoders, one for each or for all; ``held``: for how long a torque is held [s], in the time scale
-    of the rig; ``begin``: how long each rig ran before [s]; ``step``: of the integration, in that time scale.
+    ``counts``: encoder counts per turn, for each or for all; ``held``: range of the pulses' duration [s], in the time
+    scale of the rig; ``begin``: running time before the recording [s]; ``step``: integration step, in that time scale.
     """
     samples = round(seconds * rate)
     begin = np.broadcast_to(begin, len(seeds))
@@ -240,7 +240,7 @@ def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, held=(0.1, 0.5
         friction=any((rig.stribeck, rig.asymmetry, rig.rub) != (0, 0, 0) for rig in rigs),
     )
     acting = _driven(tau, e, begin, rate)
-    x = np.zeros((9, len(seeds)))  # q1 q2 v1 v2, motor's angle and speed, acting torque, base's place and speed
+    x = np.zeros((9, len(seeds)))  # q1 q2 v1 v2, motor's angle and speed, acting torque, base's position and speed
     x[0] = x[4] = -np.pi / 2
     read = np.empty((samples, 2, len(seeds)))
     behind = round(delay / h)
@@ -254,12 +254,12 @@ def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, held=(0.1, 0.5
         x = runge_kutta(partial(_slope, wanted=torque, hand=hand, e=e), x, h)
     counts = np.broadcast_to(counts, len(seeds))
     q = np.moveaxis(read, 2, 0)
-    made = zip(rngs, rigs, q, tau, counts, pushed, strict=True)
-    return [_sampled(rng, rig, *rest, np.arange(samples) / rate) for rng, rig, *rest in made]
+    motions = zip(rngs, rigs, q, tau, counts, pushed, strict=True)
+    return [_sampled(rng, rig, *rest, np.arange(samples) / rate) for rng, rig, *rest in motions]
 
 
 def _pushed(rngs, e, seconds, h, steps):
-    """Return the torques of hands, shape (2, steps, K), None without any, and when they begin and end."""
+    """Return the torques of pushes, shape (2, steps, K), None without any, and their begin and end."""
     pushed = []
     hands = np.zeros((2, steps, len(rngs))) if e.pushes.any() else None
     shape = np.sin(np.pi * np.arange(round(0.2 / h)) * h / 0.2)
@@ -273,7 +273,7 @@ def _pushed(rngs, e, seconds, h, steps):
 
 
 def _driven(tau, e, begin, rate):
-    """Return the torque that the driver asks of the motor for the recorded one, shape (K, N)."""
+    """Return the driver's torque for the recorded torque, shape (K, N)."""
     column = SimpleNamespace(**{n: getattr(e, n)[:, None] for n in ('dead_zone', 'quantised', 'heat', 'saturation')})
     acting = np.sign(tau) * np.maximum(abs(tau) - column.dead_zone, 0)
     if e.any.quantised:
@@ -291,7 +291,7 @@ def _driven(tau, e, begin, rate):
 
 
 def _sampled(rng, rig, q, tau, counts, pushed, t):
-    """Return the recording that the sensors and the wiring make of a motion."""
+    """Return the recording of a motion with the imperfections of sensors and wiring."""
     samples = len(t)
     q = q.copy()
     q[:, 1] += rig.eccentric * np.sin(q[:, 1])
@@ -311,7 +311,7 @@ def _sampled(rng, rig, q, tau, counts, pushed, t):
 
 
 def runge_kutta(slope, x, h):
-    """Return a state one step h later, of the classical method of order 4."""
+    """Return the state after a step h of the classical method of order 4."""
     a = slope(x)
     b = slope(x + h / 2 * a)
     c = slope(x + h / 2 * b)

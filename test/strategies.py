@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Random but physical pendubots and states, for property tests."""
+"""Random physical pendubots and states for property tests."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -11,15 +11,13 @@ from pendubot_identification.model.parameters import MODELS, Parameters
 
 
 def theta(m1, m2, l1, d1, d2, I1, I2, *friction):
-    """The parameters of two links by their masses, lengths and inertias; of numbers or symbols."""
+    """Return the parameters of two links from masses, lengths and inertias, as numbers or symbols."""
     return [m1 * d1**2 + m2 * l1**2 + I1, m2 * d2**2 + I2, m2 * l1 * d2, m1 * d1 + m2 * l1, m2 * d2, *friction]
 
 
 @st.composite
 def rigs(draw, model=None):
-    """The arguments of ``theta`` for a rig that could be built, of one model or any; its dry friction is in
-    proportion to the links' weight.
-    """
+    """Draw the arguments of ``theta`` for a realistic rig; dry friction is proportional to the links' weight."""
     mass, length, fraction = st.floats(0.05, 3.0), st.floats(0.05, 0.8), st.floats(0.2, 1.0)
     m1, m2, l1, l2 = draw(mass), draw(mass), draw(length), draw(length)
     d1, d2 = draw(fraction) * l1, draw(fraction) * l2

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Recordings of virtual rigs, to be identified again."""
+"""Recordings of virtual rigs with known parameters."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-#: A rig with geared motors, as heavy as an arm on a table; of it, every model has its part.
+#: A rig with geared motors, as heavy as a table-top arm; each model uses the first entries.
 GEARED = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
 
 
@@ -30,7 +30,7 @@ STIFF = Parameters(0.015, 0.0069, 0.0079, 0.124, 0.063, 0.017, 0.0058, 0.083, 0.
 def recording(
     samples=900, interval=0.01, *, seed=1, counts=4000, rig=PAPER, delay=0.0, strength=1.0, name=None, **pulses
 ):
-    """Return what is recorded of a rig that pulses move; ``delay`` [s], in whole ms, late on its recorded effort."""
+    """Return the recording of a rig driven by pulses; the effort acts ``delay`` [s], in whole ms, after its record."""
     t = np.arange(samples) * interval
     train = PulseTrain(seed=seed, amplitude_min=-strength, amplitude_max=strength, **pulses)
     tau = np.column_stack([[train.torque(x) for x in t], np.zeros(samples)])
@@ -47,16 +47,16 @@ def recording(
 
 
 def exact_motion(theta, samples=500, interval=0.004, *, seed=1, start=0.0, strength=1.0, delay=0):
-    """Return a motion in which nothing errs: simulated with the step with which it is explained, velocities known.
+    """Return a motion without measurement and integration errors relative to the model, with known velocities.
 
     Args:
-        theta: of the rig, shape (D,).
-        samples: how many.
-        interval: between two [s].
-        seed: of the torques, which take a new random value at every sample, and of the initial state.
+        theta: parameters of the rig, shape (D,).
+        samples: number of samples.
+        interval: sampling interval [s].
+        seed: of the torques, random at every sample, and of the initial state.
         start: time of the first sample [s].
-        strength: of the torques [N m].
-        delay: how many samples before the motion its effort is recorded.
+        strength: largest torque [N m].
+        delay: input delay [samples].
     """
     rng = np.random.default_rng(seed)
     tau = strength * rng.uniform(-1, 1, (samples + 2 * abs(delay), 2))
@@ -70,5 +70,5 @@ def exact_motion(theta, samples=500, interval=0.004, *, seed=1, start=0.0, stren
 
 
 def vector(model):
-    """Return the geared rig's parameters, as many as a model has."""
+    """Return the geared rig's parameters for a model."""
     return GEARED[: MODELS[model]].copy()

@@ -16,9 +16,9 @@ FAST = (*PAPERS, '--optimizer', 'lsq')
 
 
 @pytest.fixture(scope='session')
-def made(tmp_path_factory):
+def inputs(tmp_path_factory):
     """A folder with the sample bag as swing, its result and report as in the paper, and a simulated bag, sim."""
-    folder = tmp_path_factory.mktemp('made')
+    folder = tmp_path_factory.mktemp('inputs')
     shutil.copytree(ROOT / 'bags' / 'paper_experiment', folder / 'swing')
     before = os.getcwd()
     os.chdir(folder)
@@ -29,10 +29,10 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def there(made, monkeypatch):
+def in_inputs(inputs, monkeypatch):
     """The same folder as the working directory."""
-    monkeypatch.chdir(made)
-    return made
+    monkeypatch.chdir(inputs)
+    return inputs
 
 
 def contents(folder):

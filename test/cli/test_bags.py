@@ -102,11 +102,11 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
 @pytest.mark.parametrize(
     ('command', 'name'), [('import {}/run.csv', 'earlier'), ('simulate', 'new'), ('repair {}/sim', 'earlier')]
 )
-def test_on_a_full_disk_no_bag_is_left_and_an_earlier_one_is_unchanged(made, tmp_path, command, name):
+def test_on_a_full_disk_no_bag_is_left_and_an_earlier_one_is_unchanged(inputs, tmp_path, command, name):
     rows = (f'{0.01 * k},{np.sin(k)},{np.cos(k)},{np.sin(k)}' for k in range(2000))
     (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
-    before = contents(shutil.copytree(made / 'sim', tmp_path / 'earlier'))
-    words = command.format(tmp_path if 'csv' in command else made).split()
+    before = contents(shutil.copytree(inputs / 'sim', tmp_path / 'earlier'))
+    words = command.format(tmp_path if 'csv' in command else inputs).split()
     ended = run_program('pendubot', *words, '--output', tmp_path / name, '--force', file_limit=100_000)
     assert (ended.returncode, ended.stdout) == (1, '')
     assert re.fullmatch(rf'pendubot: {tmp_path / name} is not written: .*\n', ended.stderr)

@@ -17,9 +17,9 @@ SEVEN = NAMES[:7]
 WEAK = ('--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--hold', 'zero')
 
 
-def test_mde_and_the_energy_criterion_reproduce_the_papers_method(made):
+def test_mde_and_the_energy_criterion_reproduce_the_papers_method(inputs):
     """Each of ten runs of MDE reaches the exact minimum of the 1800 samples."""
-    result = yaml.safe_load((made / 'result.yaml').read_text())
+    result = yaml.safe_load((inputs / 'result.yaml').read_text())
     assert (result['criterion'], result['model'], list(result['criteria'])) == ('energy', 'viscous', ['energy'])
     assert [b['samples'] for b in result['bags']] == [900, 900]
     mde = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
@@ -28,33 +28,39 @@ def test_mde_and_the_energy_criterion_reproduce_the_papers_method(made):
     np.testing.assert_allclose(result['parameters']['P4']['value'], PAPER.P4, rtol=0.1)
 
 
-def test_by_default_the_likelihood_is_selected_and_the_papers_estimate_is_kept(run, made, tmp_path):
+def test_by_default_the_likelihood_is_selected_and_the_papers_estimate_is_kept(run, inputs, tmp_path):
     output = tmp_path / 'result.yaml'
-    status, out, err = run('identify', made / 'swing', '--output', output)
+    status, out, err = run('identify', inputs / 'swing', '--output', output)
     assert (status, err) == (0, ''), 'no progress without a terminal'
     result = yaml.safe_load(output.read_text())
     assert list(result['criteria']) == ['energy', 'likelihood']
     assert (result['criterion'], result['model'], result['level']) == ('likelihood', 'viscous', 'OK')
     theta = [result['parameters'][name]['value'] for name in SEVEN]
     np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)
-    papers = yaml.safe_load((made / 'result.yaml').read_text())['parameters']
+    papers = yaml.safe_load((inputs / 'result.yaml').read_text())['parameters']
     assert result['criteria']['energy']['parameters'] == papers, 'a second criterion must not change the first'
     assert all(f'\n{name} [' in out for name in SEVEN)
     assert out.rstrip().endswith(f'written to {output}')
 
 
-def test_options_come_from_the_line_and_a_settings_file_and_json_prints_the_result_alone(run, made, tmp_path):
+def test_options_come_from_the_line_and_a_settings_file_and_json_prints_the_result_alone(run, inputs, tmp_path):
     """The line takes precedence; the file may have names with _ or - and values of any YAML type."""
     lab = {'hold': 'zero', 'smoothing': 0.03, 'runs': 3, 'generations': '400', 'per-vector': True, 'sliding': 0.3}
     (tmp_path / 'lab.yaml').write_text(yaml.safe_dump(lab))
     options = {'criterion': 'weak,energy', 'hold': 'linear', 'delay': '-0.02:0.004', 'link-length': 0.3, 'seed': 4}
     options |= {'link-mass': 0.3, 'model': 'viscous', 'settings': tmp_path / 'lab.yaml'}
     words = [f'--{name}={value}' for name, value in options.items()]
-    command = ('identify', made / 'swing', *words, '--bounds', 'P1=0:0.5', '--bounds=P2=0:0.25', '--json')
+    command = ('identify', inputs / 'swing', *words, '--bounds', 'P1=0:0.5', '--bounds=P2=0:0.25', '--json')
     status, out, err = run(*command)
     assert (status, err) == (0, '')
     result = json.loads(out)
-    requested = {'criteria': ['weak', 'energy'], 'hold': 'linear', 'delays': [-0.02, 0.004], 'link_length': 0.3, 'seed': 4}
+    requested = {
+        'criteria': ['weak', 'energy'],
+        'hold': 'linear',
+        'delays': [-0.02, 0.004],
+        'link_length': 0.3,
+        'seed': 4,
+    }
     requested |= {'model': 'viscous', 'smoothing': 0.03, 'sliding_window': 0.3, 'optimizer': 'auto', 'start': None}
     requested |= {'link_mass': 0.3}
     assert result['made_by'].items() >= requested.items()
@@ -67,23 +73,23 @@ def test_options_come_from_the_line_and_a_settings_file_and_json_prints_the_resu
 
 
 @pytest.mark.parametrize(('criterion', 'tolerance'), [('energy', 1e-4), ('weak', 0.05), ('likelihood', 1e-3)])
-def test_a_parameter_is_fixed_at_a_value_and_the_others_are_optimal(run, made, criterion, tolerance):
+def test_a_parameter_is_fixed_at_a_value_and_the_others_are_optimal(run, inputs, criterion, tolerance):
     """Parameters fixed at their optimum do not change the others, except through the weights of weak."""
-    command = ('identify', f'{made / "swing"}@0:4', '--criterion', criterion, '--model', 'viscous', '--hold', 'zero')
+    command = ('identify', f'{inputs / "swing"}@0:4', '--criterion', criterion, '--model', 'viscous', '--hold', 'zero')
     command += ('--json',) if criterion == 'energy' else ('--json', '--delay', '0')
 
     def identified(*options):
         return json.loads(run(*command, *options)[1])
 
     best = {name: entry['value'] for name, entry in identified('--optimizer', 'lsq')['parameters'].items()}
-    start = ('--start', made / 'result.yaml') if criterion == 'likelihood' else ()
+    start = ('--start', inputs / 'result.yaml') if criterion == 'likelihood' else ()
     fixed = identified('--fix', f'P3={best["P3"]!r}', '--fix', f'b2={best["b2"]!r}', *start)
     for name, entry in fixed['parameters'].items():
         assert entry['fixed'] == (name in ('P3', 'b2'))
         assert entry['value'] == pytest.approx(best[name], rel=1e-12 if entry['fixed'] else tolerance)
         assert (entry['std_error'] == 0, entry['on_bound']) == (entry['fixed'], False)
     if start:
-        papers = yaml.safe_load((made / 'result.yaml').read_text())['parameters']
+        papers = yaml.safe_load((inputs / 'result.yaml').read_text())['parameters']
         assert fixed['made_by']['start'][:7] == [papers[name]['value'] for name in SEVEN]
 
 
@@ -98,7 +104,7 @@ def test_a_parameter_is_fixed_at_a_value_and_the_others_are_optimal(run, made, c
         (['sim@0.9:9'], [810], [900]),
     ],
 )
-def test_windows_divide_a_bag_as_documented(run, there, arguments, training, validation):
+def test_windows_divide_a_bag_as_documented(run, in_inputs, arguments, training, validation):
     status, out, _ = run('identify', *arguments, '--json', *FAST)
     assert status == 0
     result = json.loads(out)
@@ -117,9 +123,9 @@ def test_a_remainder_too_short_for_validation_causes_no_failure(run, tmp_path):
         assert (status, [b['bag'] for b in json.loads(out)['bags']]) == (0, [f'{fast}@{window}', *rest])
 
 
-def test_a_result_that_cannot_be_written_is_still_printed(made, tmp_path):
+def test_a_result_that_cannot_be_written_is_still_printed(inputs, tmp_path):
     output = tmp_path / 'result.yaml'
-    ended = run_program('pendubot', 'identify', made / 'swing', *FAST, '--output', output, '--json', file_limit=0)
+    ended = run_program('pendubot', 'identify', inputs / 'swing', *FAST, '--output', output, '--json', file_limit=0)
     assert ended.returncode == 1
     assert ended.stderr == f'pendubot: {output} cannot be written (File too large); choose a folder that can be\n'
     assert list(json.loads(ended.stdout)['parameters']) == list(SEVEN)

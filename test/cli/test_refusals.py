@@ -90,10 +90,10 @@ WRONG_USAGE = {
 
 
 @pytest.fixture(scope='module')
-def folder(made, tmp_path_factory):
+def folder(inputs, tmp_path_factory):
     """A copy of the folder with invalid files, and its contents."""
-    folder = tmp_path_factory.mktemp('refusals') / 'made'
-    shutil.copytree(made, folder)
+    folder = tmp_path_factory.mktemp('refusals') / 'inputs'
+    shutil.copytree(inputs, folder)
     for name, text in FILES.items():
         (folder / name).write_text(text)
     (folder / 'link.yaml').symlink_to(folder / 'result.yaml')
@@ -110,7 +110,9 @@ def folder(made, tmp_path_factory):
         *((command, 2, sentence) for command, sentence in WRONG_USAGE.items()),
     ],
 )
-def test_a_mistake_is_reported_in_one_sentence_and_changes_no_file(folder, monkeypatch, refused, command, status, sentence):
+def test_a_mistake_is_reported_in_one_sentence_and_changes_no_file(
+    folder, monkeypatch, refused, command, status, sentence
+):
     path, before = folder
     monkeypatch.chdir(path)
     message = refused(*command.split(), status=status)

@@ -61,7 +61,7 @@ def test_the_variable_pendubot_threads_limits_the_kernel(given, threads):
     assert int(child(*command, env={**os.environ, 'PENDUBOT_THREADS': given}, check=True).stdout) == threads
 
 
-def test_the_command_line_works_without_ros_and_on_an_ascii_terminal(made, tmp_path):
+def test_the_command_line_works_without_ros_and_on_an_ascii_terminal(inputs, tmp_path):
     """A blocker refuses to import rclpy and messages; -S omits the import hooks of wheels."""
     blocker = tmp_path / 'without_ros.py'
     blocker.write_text(
@@ -77,7 +77,7 @@ def test_the_command_line_works_without_ros_and_on_an_ascii_terminal(made, tmp_p
     env = {k: v for k, v in os.environ.items() if not k.startswith(('ROS', 'AMENT', '_ROS'))}
     env['PYTHONPATH'] = os.pathsep.join([str(ROOT), *(p for p in sys.path if p.endswith('site-packages'))])
     env['PYTHONIOENCODING'] = 'ascii'
-    result = child('-S', blocker, 'identify', made / 'swing', *FAST, '--verbose', env=env)
+    result = child('-S', blocker, 'identify', inputs / 'swing', *FAST, '--verbose', env=env)
     assert (result.returncode, result.stderr) == (0, '')
     assert r'\xb1' in result.stdout, 'signs beyond ASCII must be escaped'
     demo = child('-S', blocker, 'demo', env=env)

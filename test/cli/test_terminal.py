@@ -51,8 +51,8 @@ def in_a_terminal(*arguments, **environment):
 
 
 @pytest.fixture(scope='module')
-def result(made):
-    return read_complete_result(made / 'result.yaml')
+def result(inputs):
+    return read_complete_result(inputs / 'result.yaml')
 
 
 @given(sentences, sentences, sentences, st.sampled_from(Level), st.integers(0, 4), st.booleans())
@@ -67,9 +67,9 @@ def test_any_result_fits_on_thirty_lines(result, warnings, advice, consequences,
     assert any(line.startswith(f'{level.name}: ') for line in lines)
 
 
-def test_verbose_shows_the_complete_result(run, made, tmp_path):
-    status, short, _ = run('identify', made / 'swing', *FAST)
-    again, long, _ = run('identify', made / 'swing', *FAST, '--verbose', '--output', tmp_path / 'r.yaml')
+def test_verbose_shows_the_complete_result(run, inputs, tmp_path):
+    status, short, _ = run('identify', inputs / 'swing', *FAST)
+    again, long, _ = run('identify', inputs / 'swing', *FAST, '--verbose', '--output', tmp_path / 'r.yaml')
     assert status == again
     assert len(short.splitlines()) <= LINES < len(long.splitlines())
     assert 'condition number' in long

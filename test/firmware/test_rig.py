@@ -84,7 +84,7 @@ class Board:
         self.registers[TIM1 + SR] = self.registers[PWR_CSR] = 0
         self.registers[ADC + JDR1], self.registers[ADC + JDR2] = 2048, 2708
 
-    def hear(self, data, overrun_at=None):
+    def receive(self, data, overrun_at=None):
         """Receive bytes; with an overrun, the byte after that index is lost."""
         for k, byte in enumerate(data):
             if overrun_at is None or k != overrun_at + 1:
@@ -92,12 +92,12 @@ class Board:
 
     def command(self, mode, torque=0, **given):
         self._seq += 1
-        self.hear(encode(Command(self._seq, 0, mode, 500, torque, session=SESSION)), **given)
+        self.receive(encode(Command(self._seq, 0, mode, 500, torque, session=SESSION)), **given)
 
     def arm(self):
         self._seq += 1
         boot_id, lock = self.library.probe_boot_id(), self.library.probe_lock()
-        self.hear(encode(Arm(self._seq, 0, boot_id, SESSION, lock, 500)))
+        self.receive(encode(Arm(self._seq, 0, boot_id, SESSION, lock, 500)))
 
     def sample(self, line_ready=True):
         return self.library.probe_sample(line_ready)
@@ -230,7 +230,7 @@ def test_a_receiver_overrun_damages_a_frame_and_a_transmitter_overrun_is_reporte
 
 
 def test_a_flood_of_bytes_does_not_overflow_the_receive_buffer(board):
-    board.hear(bytes([7]) * 5000)
+    board.receive(bytes([7]) * 5000)
     buffer = ctypes.create_string_buffer(300)
     assert [board.library.board_receive(buffer, ctypes.c_size_t(300)) for _ in range(2)] == [256, 0]
     assert buffer.raw[:256] == bytes([7]) * 256

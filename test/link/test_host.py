@@ -50,14 +50,14 @@ class Wire:
         self.now, self.seq = 10**12, 0
         self.host.opened(self.now)
         if hello:
-            self.hear(replace(hello, limits=replace(hello.limits, **limits)))
+            self.receive(replace(hello, limits=replace(hello.limits, **limits)))
 
     def do(self, action, *values):
         """Call a method of the host; return its events."""
         action(*values, self.now)
         return self.host.output.take_events()
 
-    def hear(self, message):
+    def receive(self, message):
         return self.do(self.host.receive, encode(message))
 
     def state(self, seq=None, t_us=None, step=10 * MS, **fields):
@@ -66,7 +66,7 @@ class Wire:
         t_us = 10_000 * self.seq if t_us is None else t_us
         self.now += step
         values = {'enc1': 0, 'enc2': 0, 'torque': 0, 'current': 0, 'vbus': 2400, 'cmd_seq': 0, 'status': 0, 'lock': 1}
-        return self.hear(State(self.seq, t_us, **values | fields))
+        return self.receive(State(self.seq, t_us, **values | fields))
 
     def states(self, count, **fields):
         return [event for _ in range(count) for event in self.state(**fields)]
@@ -110,7 +110,7 @@ def test_hello_is_requested_every_200_ms_until_it_arrives_and_silence_is_reporte
         reports += [(2 * k, report.level) for report in wire.wait(2)]
     assert requests == [0, 200, 400, 600, 800, 1000]
     assert reports == [(998, Level.WARN)]
-    wire.hear(HELLO)
+    wire.receive(HELLO)
     wire.sent()
     for _ in range(49):
         wire.wait(2)
@@ -136,7 +136,7 @@ def test_samples_are_scaled_by_the_configured_or_reported_counts_per_turn_and_ne
 def test_an_invalid_hello_is_reported_once_and_ignored_and_requested_again():
     wire = Wire(hello=None)
     for k, (change, text) in enumerate([({'cpr1': 0}, '0 counts'), ({'cpr1': 0}, None), ({'torque_limit': -5}, '-5')]):
-        reports = only(wire.hear(replace(HELLO, seq=k, **change)), Report)
+        reports = only(wire.receive(replace(HELLO, seq=k, **change)), Report)
         assert [(r.level, text in r.text) for r in reports] == ([(Level.ERROR, True)] if text else [])
         assert wire.host.condition(0).level == Level.ERROR
     wire.sent()
@@ -144,11 +144,11 @@ def test_an_invalid_hello_is_reported_once_and_ignored_and_requested_again():
         wire.state(k)
         wire.wait(0)
     assert len(wire.sent()) == 1
-    wire.hear(replace(HELLO, seq=24))
-    assert wire.hear(replace(HELLO, seq=25)) == [], 'an unchanged HELLO must not be reported'
-    assert 'counts per turn' in texts(wire.hear(replace(HELLO, seq=26, cpr2=0)))[0]
+    wire.receive(replace(HELLO, seq=24))
+    assert wire.receive(replace(HELLO, seq=25)) == [], 'an unchanged HELLO must not be reported'
+    assert 'counts per turn' in texts(wire.receive(replace(HELLO, seq=26, cpr2=0)))[0]
     assert wire.host.hello.cpr2 == HELLO.cpr2
-    assert '8000' in texts(wire.hear(replace(HELLO, seq=27, cpr1=8000)))[0]
+    assert '8000' in texts(wire.receive(replace(HELLO, seq=27, cpr1=8000)))[0]
 
 
 # Published
@@ -241,7 +241,7 @@ def test_arming_fails_at_once_without_port_board_or_hello_and_in_a_fault():
     wire.do(wire.host.opened)
     wire.state()
     assert 'HELLO' in wire.refusal()
-    wire.hear(replace(HELLO, seq=2))
+    wire.receive(replace(HELLO, seq=2))
     wire.state(3, status=Status.EMERGENCY_STOP)
     wire.arm()
     # The host requests a reset of the fault and waits for the answer.
@@ -344,7 +344,7 @@ def test_refused_requests_are_attributed_to_another_program_except_after_a_resta
     wire.states(108, refused=3)
     assert wire.arm() == []
     wire = Wire().armed()
-    wire.hear(replace(HELLO, seq=0, boot_id=78))
+    wire.receive(replace(HELLO, seq=0, boot_id=78))
     for k in (1, 2):
         wire.state(k, status=Status.REFUSED, refused=2 * k)
     assert wire.host.counters.foreign_requests == 0
@@ -369,7 +369,7 @@ def test_a_board_with_an_older_protocol_is_reported_and_not_armed():
     assert [report.level for report in reports] == [Level.ERROR]
     assert 'version 1 of the protocol, and this bridge version 2: flash' in reports[0].text
     assert 'version 1' in wire.refusal()
-    wire.hear(HELLO)
+    wire.receive(HELLO)
     wire.state()
     assert wire.host.condition(wire.now).level is Level.OK
 
@@ -423,9 +423,9 @@ def test_confirmed_zeros_are_sent_until_acknowledged_and_the_boards_state_counts
     wire.states(6)
     wire.states(4, status=Status.ZEROED)
     assert [(c.mode, c.session) for c in wire.sent()] == 2 * [(Mode.CONFIRM_ZEROS, HELLO.boot_id)]
-    wire.hear(replace(HELLO, seq=170, boot_id=78))
+    wire.receive(replace(HELLO, seq=170, boot_id=78))
     wire.state(171, 1000)
-    wire.hear(replace(HELLO, seq=172, boot_id=78))
+    wire.receive(replace(HELLO, seq=172, boot_id=78))
     assert 'let both links hang at rest' in wire.refusal()
     wire.state(173, 21_000, status=Status.ZEROED)
     assert wire.arm() == []
@@ -518,7 +518,7 @@ def test_polling_only_at_next_poll_ends_the_torque_exactly_at_the_command_timeou
             {'not_finite': 1},
         ),
         (
-            lambda wire: wire.hear(replace(HELLO, seq=2, boot_id=78)),
+            lambda wire: wire.receive(replace(HELLO, seq=2, boot_id=78)),
             'the board restarted',
             {'restarts': 1, 'lost': 0},
         ),
@@ -572,7 +572,7 @@ def test_a_board_that_answers_without_samples_is_reported_lost_once():
     for seq in range(2, 22):
         for _ in range(20):
             reports += wire.wait(10)
-        reports += wire.hear(replace(HELLO, seq=seq))
+        reports += wire.receive(replace(HELLO, seq=seq))
     assert ['link lost' in report.text for report in reports] == [True]
     assert wire.host.condition(0) == Report(Level.ERROR, 'no valid sample arrives from the board')
     assert texts(wire.state(22, 20_000)) == ['the board sends again']
@@ -599,7 +599,7 @@ def test_a_closed_port_disarms_and_requires_a_new_hello(boot_id):
     assert not only(wire.state(50, **{} if restarted else wire.obeyed), Sample)
     (disarm,) = wire.sent(Command)
     assert disarm.mode == Mode.DISARM
-    wire.hear(replace(HELLO, seq=51, boot_id=boot_id))
+    wire.receive(replace(HELLO, seq=51, boot_id=boot_id))
     wire.state(52, cmd_seq=disarm.seq, lock=2)
     assert (wire.host.counters.restarts, wire.host.counters.lost) == (restarted, 0)
     assert wire.host.condition(0) == Report(Level.WARN, 'disarmed: the link was lost; arm again when it is safe')
@@ -643,5 +643,5 @@ def test_a_restart_shortly_before_the_clock_wraps_is_detected_as_a_restart(befor
     wire.state(1, 100)
     assert wire.host.counters.restarts == 1
     # The counters were reset, too.
-    wire.hear(replace(HELLO, seq=2))
+    wire.receive(replace(HELLO, seq=2))
     assert len(only(wire.state(3, 20_100), Sample)) == 1

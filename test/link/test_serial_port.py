@@ -141,9 +141,7 @@ def forbidden(*_, **__):
 
 
 @pytest.mark.parametrize(('trouble', 'text'), [('busy', '(process {})'), ('forbidden', 'dialout'), ('missing', 'port')])
-def test_an_unusable_port_is_reported_once_with_the_remedy_and_opened_later(
-    port, monkeypatch, trouble, text
-):
+def test_an_unusable_port_is_reported_once_with_the_remedy_and_opened_later(port, monkeypatch, trouble, text):
     device, tried, true_open = Pty(port), threading.Semaphore(0), serial.serial_for_url
     holder = serial.Serial(str(port), exclusive=True) if trouble == 'busy' else None
     if trouble == 'missing':
