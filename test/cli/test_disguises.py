@@ -228,9 +228,7 @@ LABS = ('--columns', 't=time,q1=a,q2=b,tau1=u', '--degrees', '--zero', 'hanging'
 
 def test_a_labs_conventions_are_saved_in_a_settings_file(lab, run, identified, expected):
     assert run('identify', 'run.csv', *LABS, *QUICK, '--save-settings', 'lab.yaml')[0] == 0
-    assert run('identify', 'run.csv', *LABS, *QUICK, '--save-settings', 'lab.yaml')[0] == 1, (
-        'the settings file must not be overwritten'
-    )
+    assert run('identify', 'run.csv', *LABS, *QUICK, '--save-settings', 'lab.yaml')[0] == 1, 'file was overwritten'
     np.testing.assert_allclose(theta(identified('run.csv', '--settings', 'lab.yaml')), expected, rtol=1e-6)
     assert run('import', 'run.csv', '--output', 'bag', '--settings', 'lab.yaml')[0] == 0
     # Saved settings are not for bags, and options on the line take precedence.
@@ -276,16 +274,12 @@ def expected(columns):
 def options_named(sentence):
     """Return the options that a message recommends, each with its value."""
     value = r"(?: (?:'[^']*'|(?!--)[^\s;,:]+(?:,[^\s;,]+)*))?"
-    recommended = re.search(rf'(?:add|with) ((?:--[a-z-]+{value} ?)+)', ' '.join(sentence.split()))
-    return [
-        words.split(' ', 1) for words in re.split(r' (?=--)', recommended[1].strip() if recommended else '') if words
-    ]
+    advice = re.search(rf'(?:add|with) ((?:--[a-z-]+{value} ?)+)', ' '.join(sentence.split()))
+    return [words.split(' ', 1) for words in re.split(r' (?=--)', advice[1].strip() if advice else '') if words]
 
 
 @pytest.mark.parametrize('name', VARIANTS)
-def test_following_the_messages_or_apply_remedies_gives_the_same_parameters(
-    columns, identified, expected, tmp_path, name
-):
+def test_following_the_messages_gives_the_same_parameters(columns, identified, expected, tmp_path, name):
     write, change, named = VARIANTS[name]
     write(tmp_path / name, columns | {each: convert(columns) for each, convert in change.items()})
     found = identified(tmp_path / name)

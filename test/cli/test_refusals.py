@@ -110,9 +110,7 @@ def folder(inputs, tmp_path_factory):
         *((command, 2, sentence) for command, sentence in WRONG_USAGE.items()),
     ],
 )
-def test_a_mistake_is_reported_in_one_sentence_and_changes_no_file(
-    folder, monkeypatch, refused, command, status, sentence
-):
+def test_a_mistake_is_reported_and_changes_no_file(folder, monkeypatch, refused, command, status, sentence):
     path, before = folder
     monkeypatch.chdir(path)
     message = refused(*command.split(), status=status)

@@ -61,9 +61,7 @@ def test_differences_are_divided_by_the_combined_standard_error(compared):
             combined = math.hypot(a[name]['std_error'], b[name]['std_error'])
             assert row['apart'] == [0.0, pytest.approx((b[name]['value'] - a[name]['value']) / combined)]
             assert row['p'][0] == 1.0
-            assert math.erfc(abs(row['apart'][1]) / math.sqrt(2)) < row['p'][1] < 1, (
-                'p must account for few degrees of freedom'
-            )
+            assert math.erfc(abs(row['apart'][1]) / math.sqrt(2)) < row['p'][1] < 1, 'normal instead of t distribution'
 
 
 def test_compare_shows_the_prediction_errors_of_each_result_on_a_bag(compared, run):
@@ -147,9 +145,8 @@ def test_unphysical_parameters_are_exported_with_level_error(folder, run):
     ],
 )
 def test_an_invalid_export_is_refused(by_hand, refused, folder, others, options, status, message):
-    assert message in refused(
-        'export', by_hand(**others), '--output', 'rig', '--format', *options.split(), status=status
-    )
+    words = ('--output', 'rig', '--format', *options.split())
+    assert message in refused('export', by_hand(**others), *words, status=status)
     assert not (folder / 'rig').exists()
 
 

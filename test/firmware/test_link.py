@@ -205,9 +205,7 @@ SATURATED, SLEWED = ARMED | Status.SATURATED, ARMED | Status.SLEW
         ),
     ],
 )
-def test_torque_is_clamped_and_slewed_with_status_bits_and_zero_at_once_after_disarming(
-    probe, options, torque, expected
-):
+def test_torque_is_clamped_and_slewed_and_zero_at_once_after_disarming(probe, options, torque, expected):
     bench = Bench(probe, **options).armed()
     bench.send(1, torque)
     assert [(s.status, s.torque) for s in (bench.step() for _ in expected)] == expected

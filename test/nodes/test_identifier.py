@@ -59,9 +59,7 @@ class Client(Observer):
         return status, values(status), self.params
 
 
-def test_progress_is_published_during_a_computation_and_a_result_that_cannot_be_written_is_published(
-    ros, bag, tmp_path
-):
+def test_progress_is_published_and_also_a_result_that_cannot_be_written(ros, bag, tmp_path):
     folder = tmp_path / 'gone'
     folder.mkdir()
     # Long enough to observe progress, and to remove the folder meanwhile.

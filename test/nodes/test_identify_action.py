@@ -77,9 +77,7 @@ def test_a_goal_is_identified_with_feedback_and_failures_give_a_reason(ros, bag)
         assert program.stop() == 0
 
 
-def test_canceling_a_goal_or_killing_the_node_ends_the_computation_and_killing_the_computation_aborts_the_goal(
-    ros, bag
-):
+def test_canceling_killing_the_node_or_killing_the_process_ends_the_computation(ros, bag):
     with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
 
         def computing():
