@@ -137,7 +137,7 @@ SIZES = {'tiny': Rig(length=0.2, mass=0.2, strength=0.14), 'present': Rig(), 'la
 
 
 def true(rig):
-    """Return the parameters of a rig without its imperfections, including the inertia of a motor behind a gear."""
+    """Return the parameters of a rig without its imperfections, including the inertia of a geared motor."""
     force = rig.mass * rig.length
     unit = {'P1': force * rig.length, 'P4': force, 'b1': force * rig.length**0.5, 'Fc1': force}
     unit |= {'P2': unit['P1'], 'P3': unit['P1'], 'P5': force, 'b2': unit['b1'], 'Fc2': force}

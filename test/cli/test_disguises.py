@@ -231,7 +231,7 @@ def test_a_labs_conventions_are_saved_in_a_settings_file(lab, run, identified, e
     assert run('identify', 'run.csv', *LABS, *QUICK, '--save-settings', 'lab.yaml')[0] == 1, 'file was overwritten'
     np.testing.assert_allclose(theta(identified('run.csv', '--settings', 'lab.yaml')), expected, rtol=1e-6)
     assert run('import', 'run.csv', '--output', 'bag', '--settings', 'lab.yaml')[0] == 0
-    # Saved settings are not for bags, and options on the line take precedence.
+    # Options also apply to bags, and are added to saved settings.
     bag = identified('bag', '--negate', 'q2')
     table = identified('run.csv', '--settings=lab.yaml', '--negate=q2')
     np.testing.assert_allclose(theta(bag), theta(table), rtol=1e-6)

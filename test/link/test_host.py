@@ -636,7 +636,7 @@ def test_an_intermittent_fault_is_reported_once():
 
 
 @pytest.mark.parametrize('before_us', [50_000, 9_000_000, WRAP - 2_400_000_000])
-def test_a_restart_shortly_before_the_clock_wraps_is_detected_as_a_restart(before_us):
+def test_a_restart_is_not_mistaken_for_a_wrap_of_the_clock(before_us):
     wire = Wire(hello=replace(HELLO, seq=39_999))
     wire.state(40_000, WRAP - before_us - 10_000, enc1=3000)
     wire.state(40_001, WRAP - before_us, enc1=3000)
