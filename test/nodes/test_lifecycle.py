@@ -4,6 +4,7 @@
 """The lifecycle of the nodes, through the services that ``ros2 lifecycle`` calls."""
 
 import shutil
+from contextlib import ExitStack
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -173,7 +174,9 @@ def test_inactive_identifiers_and_trackers_are_idle(manager):
         assert manager.change('identifier', 'activate')
         manager.until(lambda: manager.params)
         assert program.stop() == 0
-    with Program('tracker') as program, Program('player', *parameters(bag=bag, topics='[joint_states]', rate=4.0)):
+    with Program('tracker') as program, ExitStack() as stack:
+        program.wait_for('8 s of motion without a gap are needed')
+        stack.enter_context(Program('player', *parameters(bag=bag, topics='[joint_states]')))
 
         def samples():
             status = manager.status('tracker')
