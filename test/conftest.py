@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What every test shares: a private ROS domain, temporary logs, and where the real recordings lie, if they do."""
+"""Common settings and fixtures: a private ROS domain, temporary logs, and the folder of real recordings."""
 
 import importlib.util
 import os
@@ -14,35 +14,34 @@ import pytest
 
 from test.domain import take_domain
 
-# Before anything imports rclpy: tests must neither hear nor disturb other ROS programs on this machine, nor each other
-# where several processes run them.
+# Before any import of rclpy: isolates tests from other ROS programs on this machine and from parallel test processes.
 take_domain()
 os.environ['RMW_IMPLEMENTATION'] = 'rmw_fastrtps_cpp'
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'  # as the profile says
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
-# By its name of Jazzy, and the one since.
+# The variable's name in Jazzy, and its later name.
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
     os.environ[name] = str(Path(__file__).with_name('discovery.xml'))
 
-# Where the tests themselves were started by nohup or in the background, the programs that they start are not.
+# Programs under test must not inherit ignored signals if the tests run with nohup or in the background.
 signal.signal(signal.SIGHUP, lambda *_: None)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The same examples at every run where nobody watches; new ones at every run by hand. Speed is not a property.
+# The same examples at every run in CI, new ones in other runs; no deadline, because speed is not tested.
 hypothesis.settings.register_profile('ci', derandomize=True, deadline=None)
 hypothesis.settings.register_profile('hand', deadline=None)
 hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'ci' if os.environ.get('CI') else 'hand'))
 
-#: These import it.
-ROS_ALONE = ['nodes/test_*', 'firmware/test_bridge.py', 'test_fault_trials.py']
-collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else ROS_ALONE
+#: Tests that import rclpy.
+NEED_ROS = ['nodes/test_*', 'firmware/test_bridge.py', 'test_fault_trials.py']
+collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else NEED_ROS
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDINGS = ROOT.parent / 'shared' / 'recordings'
 
 
 def pytest_collection_modifyitems(items):
-    """A test that needs the real recordings is skipped, and says so, where they are not."""
+    """Skip tests that need the real recordings if they are absent."""
     if not (RECORDINGS / 'manifest.csv').exists():
         for item in items:
             if item.get_closest_marker('recordings'):
@@ -51,13 +50,13 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope='session')
 def ros():
-    """An initialised rclpy, for tests with a node of their own."""
+    """The initialised module rclpy."""
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    # A signal that a test raises here is not to shut it down for those that follow.
+    # A signal that a test raises must not shut rclpy down for later tests.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    # Or between two tests a demo would find this domain empty, and take it.
+    # Without a node a demo could take this domain between two tests.
     node = rclpy.create_node('tests')
     yield rclpy
     node.destroy_node()
@@ -66,7 +65,7 @@ def ros():
 
 @pytest.fixture
 def run(capsys):
-    """Runs pendubot; returns its exit status, what it printed and what it said on stderr."""
+    """Runs pendubot; returns its exit status, stdout and stderr."""
     from pendubot_identification.cli.main import main
 
     def run(*arguments):
@@ -82,7 +81,7 @@ def run(capsys):
 
 @pytest.fixture
 def refused(run):
-    """Runs pendubot, which is to end with this status and one line, no traceback, nothing printed; returns the line."""
+    """Runs pendubot, asserts this status, empty stdout and no traceback; returns the last line of stderr."""
 
     def refused(*arguments, status=1):
         ended, out, err = run(*arguments)
@@ -97,12 +96,10 @@ def refused(run):
 
 @pytest.fixture(params=['python', 'c'])
 def each_board(request, monkeypatch):
-    """Each board in turn, in Python and in C; what is started as ``virtual_board`` is that one.
+    """Run a test with ``virtual_board`` in Python and in C.
 
-    Only Python's begins elsewhere than hanging (--start, --spread), is late (--delay), has another rig's parameters
-    (--parameters) or waits for its computer (--patient): no test of the bridge needs that, but those of nodes that
-    swing up do. Trials that drive Python's board without a port need no second one: the same bytes at the same times
-    give the same frames (test/firmware/test_ownership.py).
+    Only the board in Python has the options --start, --spread, --delay, --parameters and --patient, which tests of the
+    balancer need. Both give the same frames for the same bytes (test/firmware/test_ownership.py).
     """
     from test import processes
 
@@ -116,7 +113,7 @@ def each_board(request, monkeypatch):
 
 @pytest.fixture
 def rig(ros, tmp_path):
-    """Makes live rigs, and ends them."""
+    """Makes live rigs and closes them."""
     from test.rig import Rig
 
     rigs = []

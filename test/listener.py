@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A second process that subscribes to /joint_states: ``python -m test.listener FILE.npy``.
+"""A process that subscribes to /joint_states: ``python -m test.listener FILE.npy``.
 
-It says when it listens, and when it has heard the first message. At SIGTERM it writes one row for each: arrival and
-stamp [ns], q1, q2, effort.
+It prints a line when it listens and at the first message. At SIGTERM it writes a row for each message: arrival and
+timestamp [ns], q1, q2, effort.
 """
 
 import gc
@@ -24,13 +24,13 @@ from sensor_msgs.msg import JointState
 
 def main():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    gc.disable()  # so many messages take long to be looked through
-    # A time server may set the computer's clock in the middle of a trial.
+    gc.disable()  # collecting many messages takes long
+    # A time server may set the computer's clock during a trial.
     epoch = time.time_ns() - time.monotonic_ns()
     times, messages = array('q'), []
 
     def on_sample(data):
-        # As it is: what a subscriber of Python's makes of a message is no part of the way to it.
+        # Raw data: the latency must not include deserialization.
         times.append(time.monotonic_ns() + epoch)
         messages.append(data)
 

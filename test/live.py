@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig for a balancer: boards that begin near upright, one after the other, and a node in the identifier's place."""
+"""A rig for a balancer: boards that start near upright, and a node in place of the identifier."""
 
 import math
 import time
@@ -22,7 +22,7 @@ COUNTS = 4000
 
 
 class LiveRig(Rig):
-    """A rig with the parameters ``BALANCE``; what truly happened is in the board's trace, one for each board."""
+    """A rig with the parameters ``BALANCE`` and a trace of the true motion for each board."""
 
     def __init__(self, folder, rate=200):
         super().__init__(folder, rate, '--preset', 'balance', '--counts', COUNTS)
@@ -31,25 +31,25 @@ class LiveRig(Rig):
         self.identification = self.node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED)
 
     def start_board(self, *options, start='upright', spread=0.1, delay=0.004, seed=1):
-        """Start a board at some place, with a trace of its own."""
+        """Start a board at a position, with a new trace."""
         self.boards += 1
         self.trace_file = self.port.with_name(f'trace{self.boards}.csv')
         place = '--start', start, '--spread', spread, '--delay', delay, '--seed', seed
         return super().start_board(*place, *options)
 
     def publish(self, rig=BALANCE, level=0, message='identified', delay=0.004):
-        """Do as the identifier would with these parameters, or with a vector of them."""
+        """Publish parameters, or a vector of them, like the identifier."""
         theta = np.array(rig.vector() if hasattr(rig, 'vector') else rig)
         values = dict(zip(NAMES, theta, strict=False)) | {'effort.delay': delay}
         self.identification.publish(status_message(self.node, 'x', Level(level), message, values))
         self.identified.publish(parameters_message(theta))
 
     def said(self):
-        """The balancer's diagnoses."""
+        """Return the balancer's diagnoses."""
         return [status for status in self.statuses if status.name == 'balancer']
 
     def begin(self, timeout=60.0):
-        """Start the balancer's work as soon as it is ready and the board is there."""
+        """Start balancing as soon as balancer and board are ready."""
         answers = []
         deadline = time.monotonic() + timeout
         while not (answers and answers[-1].success):
@@ -58,12 +58,12 @@ class LiveRig(Rig):
             answers.append(self.call('/balancer/start'))
 
     def motion(self):
-        """What the board did so far: t [s], q [rad], torque [N m], status."""
+        """Return the board's trace so far: t [s], q [rad], torque [N m], status."""
         rows = self.trace()
         return rows[:, 0] * 1e-6, rows[:, 1:3] * (2 * math.pi / COUNTS) + HANGING, rows[:, 3] * 1e-6, rows[:, 4]
 
     def held(self):
-        """Return since when [s after arming] the rig is held without a break, and for how long; 0 where it is not."""
+        """Return the begin [s after arming] and the duration [s] of the present balancing; inf and 0 without."""
         t, q, _, status = self.motion()
         armed = np.flatnonzero(status & ARMED)
         if not armed.size:
@@ -74,7 +74,7 @@ class LiveRig(Rig):
         return (float(t[first]), float(t[-1] - t[first])) if first < len(t) else (math.inf, 0.0)
 
     def armed_for(self):
-        """Return how long ago it was first armed, in the board's time [s]."""
+        """Return the time since the first arming [s], by the board's clock."""
         t, _, _, status = self.motion()
         armed = np.flatnonzero(status & ARMED)
         return float(t[-1] - t[armed[0]]) if armed.size else 0.0

@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Real programs in real processes, and waiting for what they say or publish instead of sleeping.
+"""Real programs in processes, and waiting for their output and messages.
 
-Timeouts end a test that hangs; on a machine with other work a program may take half a minute to start.
+Timeouts end a test that hangs; on a busy machine a program may take half a minute to start.
 """
 
 import os
@@ -17,23 +17,23 @@ import time
 from pathlib import Path
 
 NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tracker', 'virtual_board'
-#: How each program is run as a module of Python.
+#: Python module and arguments of each program.
 MODULES = {name: ('pendubot_identification.programs', name) for name in NODES}
-#: What may be the virtual board: the package's, and the firmware as a Linux program.
+#: The programs for virtual boards: the package's, and the firmware's Linux program.
 BOARDS = {'python': MODULES['virtual_board'], 'c': ('test.firmware.host_board',)}
 MODULES |= {'pendubot': ('pendubot_identification.cli.main',), 'watcher': ('pendubot_identification.nodes.watcher',)}
 MODULES |= {'listener': ('test.listener',)}
 
 
 def parameters(**values):
-    """The arguments that set a node's parameters."""
+    """Return the arguments that set a node's parameters."""
     return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
 
 
 def run_program(name, *args, timeout=120, env=None, file_limit=None):
-    """Run a program to its end; returns the completed process with text output.
+    """Run a program to its end; return the completed process with text output.
 
-    What a file would hold beyond ``file_limit`` [bytes] is refused, as on a full disk.
+    Files are limited to ``file_limit`` [bytes]; writing more fails like on a full disk.
     """
 
     def limit():
@@ -51,10 +51,10 @@ def run_program(name, *args, timeout=120, env=None, file_limit=None):
 
 
 class Program:
-    """A program running in its own process; its output is collected, and can be waited for line by line."""
+    """A program in its own process whose output is collected and can be awaited line by line."""
 
     def __init__(self, program, *args, env=None, before=()):
-        """Start a program by its name, or a file of Python by its path."""
+        """Start a program by its name, or a Python file by its path."""
         self.name = str(program)
         run = [self.name] if isinstance(program, Path) else ['-m', *MODULES[program]]
         self.lines = []
@@ -78,17 +78,17 @@ class Program:
         self._queue.put(None)
 
     def wait_for(self, text, timeout=60.0):
-        """Return the first not yet waited-for line that holds ``text``; fails with all output after ``timeout``."""
+        """Return the next line that contains ``text``; fail with all output after ``timeout`` [s]."""
         deadline = time.monotonic() + timeout
         while True:
             try:
                 line = self._queue.get(timeout=max(0.0, deadline - time.monotonic()))
             except queue.Empty:
                 raise AssertionError(
-                    f'{self.name} did not say {text!r} within {timeout} s:\n' + '\n'.join(self.lines)
+                    f'{self.name} did not print {text!r} within {timeout} s:\n' + '\n'.join(self.lines)
                 ) from None
             if line is None:
-                raise AssertionError(f'{self.name} ended without saying {text!r}:\n' + '\n'.join(self.lines))
+                raise AssertionError(f'{self.name} ended without printing {text!r}:\n' + '\n'.join(self.lines))
             if text in line:
                 return line.rstrip('\n')
 
@@ -99,7 +99,7 @@ class Program:
         return self.process.wait(timeout)
 
     def halt(self):
-        """Stop it until SIGCONT; it has stopped at the return."""
+        """Suspend the program until SIGCONT; return after it has stopped."""
         self.process.send_signal(signal.SIGSTOP)
         os.waitid(os.P_PID, self.process.pid, os.WSTOPPED | os.WNOWAIT)
 
@@ -122,7 +122,7 @@ class Program:
 
 
 def spin_until(node, condition, timeout=30.0):
-    """Spin a node until ``condition()`` is true; returns whether it became so."""
+    """Spin a node until ``condition()`` is true; return False at a timeout."""
     import rclpy
 
     deadline = time.monotonic() + timeout
@@ -134,7 +134,7 @@ def spin_until(node, condition, timeout=30.0):
 
 
 def call(node, client, request, timeout=30.0):
-    """Call a service until it answers: DDS may lose the answer where both sides have only just met."""
+    """Call a service until it answers: DDS may lose an answer shortly after discovery."""
     deadline = time.monotonic() + timeout
     assert client.wait_for_service(timeout), f'nobody serves {client.srv_name}'
     while time.monotonic() < deadline:

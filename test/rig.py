@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig that is not there, live: a virtual board and a bridge in processes of their own, and a node that listens."""
+"""A virtual board and a bridge in their own processes, and a node that subscribes to their topics."""
 
 import time
 from functools import cached_property
@@ -18,17 +18,17 @@ from test.nodes.observer import Observer, values
 from test.processes import Program, spin_until
 
 ARMED, WATCHDOG = int(Status.ARMED), int(Status.WATCHDOG)
-#: Timeouts that outlast what else a busy machine does, where they are not what is tested.
+#: Long timeouts for a busy machine.
 PATIENT = 'watchdog_ms:=500', 'link_timeout:=2.0', 'command_timeout:=1.0'
 
 
 class Rig(Observer):
-    """Both programs, a node that listens to all that the bridge says, and the board's own trace."""
+    """Both programs, a subscriber to samples and diagnostics, and the board's trace."""
 
     def __init__(self, folder, rate, *board_options):
         super().__init__(rclpy)
         self.port, self.trace_file = folder / 'board', folder / 'trace.csv'
-        #: Where the bridge finds the board, if not at its own port.
+        #: Port of the bridge, if different from the board's.
         self.bridge_port = None
         self.board_options = ('--link', self.port, '--rate', rate, *board_options)
         #: ``diagnoses`` are the bridge's statuses.
@@ -38,7 +38,7 @@ class Rig(Observer):
 
     @cached_property
     def effort_publisher(self):
-        """Made at its first use: whoever publishes effort commands keeps others from driving."""
+        """The publisher of effort commands, created at its first use because it excludes others."""
         return self.node.create_publisher(self.float64, '/pendubot/effort_command', 1)
 
     def _on_sample(self, m):
@@ -63,7 +63,7 @@ class Rig(Observer):
         return board
 
     def start_bridge(self, *parameters, before=()):
-        # Virtual boards begin where their zeros are; what is given later counts.
+        # Virtual boards start at their zeros; the last value of a parameter takes precedence.
         given = f'port:={self.bridge_port or self.port}', 'confirm_zeros:=false', *parameters
         options = [part for p in given for part in ('-p', p)]
         bridge = self.start('bridge', '--ros-args', *options, before=before)
@@ -82,14 +82,14 @@ class Rig(Observer):
         self.until(lambda: len(self.samples) >= wanted)
 
     def call(self, service):
-        """Call a service by its name, or one of the bridge."""
+        """Call a service by its full name, or a service of the bridge."""
         return super().call(self.trigger, service if service[0] == '/' else f'/bridge/{service}')
 
     def effort(self, torque):
         self.effort_publisher.publish(self.float64(data=torque))
 
     def drive_until(self, torque, condition):
-        """Repeat an effort command until a condition holds, as a controller would."""
+        """Repeat an effort command until a condition is true."""
 
         def and_command():
             self.effort(torque)
@@ -98,7 +98,7 @@ class Rig(Observer):
         self.until(and_command)
 
     def trace(self):
-        """The board's samples so far: t_us, enc1, enc2, torque, status."""
+        """Return the board's samples so far: t_us, enc1, enc2, torque, status."""
         with self.trace_file.open('rb') as file:
             file.seek(self._read)
             new = file.read()
@@ -110,17 +110,17 @@ class Rig(Observer):
         return self._rows
 
     def values(self):
-        """What the bridge said last of itself: names and values as text."""
+        """Return the values of the bridge's last diagnosis by name."""
         return values(self.diagnoses[-1])
 
     def fresh_values(self):
-        """The same, all of it after this moment."""
+        """Return the values of a later diagnosis."""
         self.diagnoses.clear()
         self.until(lambda: len(self.diagnoses) >= 2)
         return self.values()
 
     def diagnosed(self, level, text):
-        """Tell whether a diagnosis had this level, or worse, with this text."""
+        """Return whether a diagnosis with this text has at least this level."""
         return any(d.level >= bytes([level]) and text in d.message for d in self.diagnoses)
 
     def close(self):

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The linters of a ROS release, each where it is installed, with the settings of this project."""
+"""The linters of a ROS release, if installed, with the settings of this project."""
 
 import shutil
 
@@ -10,7 +10,7 @@ import pytest
 from test.conftest import ROOT
 
 PLACES = [str(ROOT / part) for part in ('docs', 'launch', 'pendubot_identification', 'setup.py')]
-#: Docstrings are in Google's style; the others are what the convention "ament" ignores.
+#: Rules that Google's style or the convention "ament" ignores.
 PEP257 = [f'D{number}' for number in (*range(100, 108), 203, 205, 212, 213, 400, 401, 403, 404, 406, 407, 413, 415)]
 HEADER = '{copyright}\nSPDX-License-Identifier: Apache-2.0\n'
 
@@ -31,7 +31,7 @@ def test_pep257():
 
 
 def test_copyright(monkeypatch):
-    """Of the licences that it knows by whole headers, this one in the short form of SPDX."""
+    """The linter expects whole headers; this project has the short form of SPDX."""
     pytest.importorskip('ament_copyright')
     from ament_copyright import licenses, parser
     from ament_copyright.main import main

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is imported from the package itself, as a script or a notebook does."""
+"""The Python interface, as imported from the package by scripts and notebooks."""
 
 import ast
 import inspect
@@ -63,13 +63,13 @@ def test_names_are_the_same_at_run_time_and_for_type_checkers():
         pendubot_identification.nonsense  # noqa: B018
 
 
-def test_importing_takes_nothing():
+def test_importing_the_package_imports_no_dependency():
     script = "import sys, pendubot_identification; assert not {'numpy', 'scipy', 'yaml', 'ctypes'} & {*sys.modules}"
     subprocess.run([sys.executable, '-c', script], timeout=60, check=True)
 
 
 def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
-    pandas, seen = pytest.importorskip('pandas'), set()
+    pandas, stages = pytest.importorskip('pandas'), set()
     motion = read(SAMPLE)
     degrees, milli = np.degrees(motion.q - HANGING), motion.tau[:, 0] * 1000
     units = {'degrees': True, 'zero': 'hanging', 'torque_unit': 'mNm'}
@@ -78,7 +78,7 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
     dates = np.datetime64('2026-11-26') + np.rint(1e9 * motion.t).astype('timedelta64[ns]')
     np.testing.assert_allclose(read(frame, columns=columns, **units).q, motion.q, atol=1e-12)
     for again in (
-        identify(motion, **FAST, progress=lambda what, done, of, best: seen.add(what)),
+        identify(motion, **FAST, progress=lambda stage, done, of, best: stages.add(stage)),
         identify(t=motion.t.tolist(), q=degrees.tolist(), tau=milli.tolist(), **units, **FAST),
         identify(t=dates, q=motion.q, tau=motion.tau, **FAST),
         identify(frame, columns=columns, **units, **FAST),
@@ -87,12 +87,12 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
     ):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
         assert [source.role for source in again.result.bags] == ['training', 'validation']
-    assert {'preparing', 'checking signs, zeros and stamps'} <= seen
+    assert {'preparing', 'checking signs, zeros and stamps'} <= stages
     part = read(f'{SAMPLE}@0:9')
     assert 9 - part.interval <= part.duration + 1e-9 < 9.0
 
 
-def test_what_was_found_is_arrays_and_saved_and_read_again(found, tmp_path):
+def test_results_are_arrays_and_can_be_saved_and_loaded(found, tmp_path):
     assert found.names == ('P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2')
     low, high = found.intervals.T
     assert ((low < found.theta) & (found.theta < high)).all()
@@ -107,7 +107,7 @@ def test_what_was_found_is_arrays_and_saved_and_read_again(found, tmp_path):
     assert 'Measured against simulated motion' in found.report(tmp_path / 'look').read_text()
 
 
-def test_a_notebook_shows_verdict_and_tables(found):
+def test_a_notebook_shows_level_and_tables(found):
     doubtful = replace(found, result=replace(found.result, level=Level.WARN, warnings=['P1 < P2 & so on']))
     shown = ElementTree.fromstring(f'<div>{doubtful._repr_html_()}</div>')
     assert shown.find('p').text == 'WARN: P1 < P2 & so on'
@@ -117,7 +117,7 @@ def test_a_notebook_shows_verdict_and_tables(found):
     assert 'P1=0.0022' in repr(found)
 
 
-def test_a_frame_has_a_row_a_parameter(found, monkeypatch):
+def test_a_frame_has_a_row_for_each_parameter(found, monkeypatch):
     pytest.importorskip('pandas')
     frame = found.frame()
     assert tuple(frame.index) == found.names
@@ -129,12 +129,12 @@ def test_a_frame_has_a_row_a_parameter(found, monkeypatch):
         found.frame()
 
 
-def test_a_rig_moves_as_its_terms_say():
-    """M a = tau - bias - friction, energy is kept without friction, and upright is where A says that it falls."""
+def test_the_terms_of_the_equations_of_motion_are_consistent():
+    """M a = tau - bias - friction, energy is constant without friction, and A is the slope at the upright position."""
     q, qd, tau = np.array([0.3, -1.2]), np.array([2.0, -1.0]), np.array([0.2, 0.1])
     friction = np.array([RIG.b1, RIG.b2]) * qd
-    left = RIG.mass_matrix(q) @ RIG.acceleration(q, qd, tau)
-    np.testing.assert_allclose(left, tau - RIG.bias(q, qd) - friction, rtol=1e-12)
+    inertial = RIG.mass_matrix(q) @ RIG.acceleration(q, qd, tau)
+    np.testing.assert_allclose(inertial, tau - RIG.bias(q, qd) - friction, rtol=1e-12)
     many = np.array([[[0.3, -1.2], [0.1, 0.2], [1.0, 2.0]]])
     expected = [[RIG.mass_matrix(one) for one in many[0]]]
     np.testing.assert_array_equal(RIG.mass_matrix(many), expected)
@@ -153,7 +153,7 @@ def test_a_rig_moves_as_its_terms_say():
     np.testing.assert_allclose(RIG.acceleration(UPRIGHT + off, [0, 0], [push, 0]), slope[2:], rtol=1e-6)
 
 
-def test_a_torque_may_be_a_number_or_the_shoulders_or_both():
+def test_a_torque_may_be_constant_for_the_shoulder_or_for_both_joints():
     t = np.arange(100) * 0.01
     expected = simulate(RIG, t, np.column_stack([np.full(100, 0.3), np.zeros(100)]))
     for tau in (0.3, np.full(100, 0.3)):
@@ -174,7 +174,7 @@ def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
         RIG.export('rig.usd')
 
 
-def test_remedies_are_applied_to_recordings_in_memory(found):
+def test_corrections_are_applied_to_recordings_in_memory(found):
     motion = read(SAMPLE)
     arrays = {'t': motion.t, 'q': motion.q * [1, -1], 'tau': motion.tau}
     assert identify(**arrays, **FAST).level is Level.ERROR
@@ -186,7 +186,7 @@ def test_remedies_are_applied_to_recordings_in_memory(found):
         assert any("applied corrections of the recordings: negate=['q2']" in warning for warning in again.warnings)
 
 
-def test_a_result_of_arrays_is_reported_and_drawn_from_memory(tmp_path):
+def test_a_result_of_arrays_is_reported_and_plotted_from_memory(tmp_path):
     motion = read(f'{SAMPLE}@0:9')
     found = identify(t=motion.t, q=motion.q, tau=motion.tau, **FAST)
     assert 'Measured against simulated motion' in found.report(tmp_path / 'look').read_text()
@@ -213,7 +213,7 @@ def test_results_are_compared_in_a_frame(found):
     np.testing.assert_allclose(frame['second', 't'], apart / error, rtol=1e-9)
 
 
-def test_a_sweep_has_a_result_of_each_combination(found):
+def test_a_sweep_has_a_result_for_each_combination(found):
     pytest.importorskip('pandas')
     motion, over = read(SAMPLE), {'smoothing': [None, 0.05], 'model': ['viscous', 'coulomb']}
     results = sweep(motion, over=over, criterion='weak', hold='zero')
@@ -246,7 +246,7 @@ def test_a_signature_has_every_option_with_its_default_and_choices(function, opt
         assert choices_of(hints[option.name]) >= {*option.choices}
 
 
-def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
+def test_checks_name_the_options_that_correct_a_recording(tmp_path):
     motion = read(SAMPLE)
     q = motion.q - HANGING
     rows = zip(motion.t, *q.T, motion.tau[:, 0], strict=True)
@@ -272,7 +272,7 @@ def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('said', 'expected'),
+    ('message', 'expected'),
     [
         ('leave them out: add --skip-missing', 'leave them out: add skip_missing=True'),
         ('--zero hanging --negate q1,tau1: so', "zero='hanging' negate=['q1', 'tau1']: so"),
@@ -286,8 +286,8 @@ def test_checks_before_a_fit_name_what_corrects_a_recording(tmp_path):
         ('pendubot excite --design', 'pendubot excite --design'),
     ],
 )
-def test_messages_name_arguments(said, expected):
-    assert as_arguments(said) == expected
+def test_messages_name_options_as_python_arguments(message, expected):
+    assert as_arguments(message) == expected
 
 
 SCRIPT = """
@@ -321,22 +321,22 @@ read('a', time_unit='min')
 
 
 def has_any(hint):
-    """Return whether a type is Any or has it as a part, but for numpy's own types of an array."""
+    """Return whether a type contains Any, except in numpy's own array types."""
     if get_origin(hint) is np.ndarray or hint in (ArrayLike, *get_args(ArrayLike)):
         return False
     return hint is Any or any(map(has_any, hint if isinstance(hint, list) else get_args(hint)))
 
 
 def public():
-    """Return the public functions, classes, methods and getters of properties by their names."""
+    """Return the public functions, classes, methods and property getters by name."""
     exported = {name: getattr(pendubot_identification, name) for name in pendubot_identification.__all__}
-    found = {name: each for name, each in exported.items() if callable(each)}
+    members = {name: each for name, each in exported.items() if callable(each)}
     for name, each in exported.items():
         bases = each.__mro__ if inspect.isclass(each) else ()
         ours = [vars(base) for base in bases if base.__module__.startswith(pendubot_identification.__name__)]
-        members = {f'{name}.{n}': m for own in ours for n, m in own.items() if not n.startswith('_')}
-        found |= {n: getattr(m, 'fget', getattr(m, '__func__', m)) for n, m in members.items()}
-    return {name: each for name, each in found.items() if inspect.isclass(each) or inspect.isfunction(each)}
+        own = {f'{name}.{n}': m for namespace in ours for n, m in namespace.items() if not n.startswith('_')}
+        members |= {n: getattr(m, 'fget', getattr(m, '__func__', m)) for n, m in own.items()}
+    return {name: each for name, each in members.items() if inspect.isclass(each) or inspect.isfunction(each)}
 
 
 def test_everything_public_has_types_without_any():
@@ -351,8 +351,8 @@ def test_everything_public_has_types_without_any():
         assert inspect.isclass(each) or 'return' in hints[name], name
 
 
-def test_mypy_sees_every_public_signature(tmp_path):
-    """Without Any, but for that in numpy's own types of an array; and it finds wrong arguments."""
+def test_public_signatures_have_exact_types_for_mypy(tmp_path):
+    """No signature has Any, except in numpy's own array types, and wrong arguments are found."""
     pytest.importorskip('mypy')
     pytest.importorskip('pandas-stubs')
     (tmp_path / 'script.py').write_text(SCRIPT)
@@ -376,7 +376,7 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
 
 
 @pytest.mark.parametrize(
-    ('call', 'said'),
+    ('call', 'message'),
     [
         (lambda: read({'t': [0.0]}), 'dict was given; names of bags or files, or else DataFrames'),
         (lambda: read(5), 'int was given; names of bags or files, or else DataFrames'),
@@ -395,6 +395,6 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: identify(read(SAMPLE), degrees=True), 'degrees convert files, and a Trajectory is already converted'),
     ],
 )
-def test_mistakes_are_said_in_a_sentence(call, said):
-    with pytest.raises(PendubotError, match=said):
+def test_invalid_arguments_are_reported_in_one_sentence(call, message):
+    with pytest.raises(PendubotError, match=message):
         call()

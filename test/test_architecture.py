@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The layers of the design, and what the package needs installed; ``make lint`` has style and types."""
+"""The import contracts and the declared dependencies; ``make lint`` checks style and types."""
 
 import ast
 import re
@@ -15,10 +15,10 @@ import pytest
 
 from test.conftest import ROOT
 
-#: What has another name on PyPI, or a rosdep key other than python3-NAME.
+#: Modules with another name on PyPI, or a rosdep key other than python3-NAME.
 PYPI = {'serial': 'pyserial', 'yaml': 'PyYAML'}
 ROSDEP = {'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip', 'urdf_parser_py': 'urdfdom_py'}
-#: Of no rosdep key: the tests that import it are skipped.
+#: Packages without a rosdep key; tests that import one are skipped if it is absent.
 NO_ROSDEP = {
     'casadi',
     'h5py',
@@ -37,14 +37,14 @@ NO_ROSDEP = {
     'shtab',
     'swarmops',
 }
-#: Imported where it is installed; who asks for it elsewhere is told how to install it.
+#: Optional dependencies; a message names the command that installs them.
 OPTIONAL = {'aiohttp', 'h5py', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'shtab'}
-#: What mcap brings along under its key.
-BROUGHT = {'lz4', 'zstandard'}
+#: Dependencies of mcap, without a rosdep key of their own.
+OF_MCAP = {'lz4', 'zstandard'}
 
 
-def test_the_layers_hold_and_an_import_of_ros_in_a_criterion_would_be_found(tmp_path):
-    """The contracts, on a copy of the package with that one fault: it alone is found."""
+def test_import_contracts_hold_and_detect_an_import_of_ros_in_a_criterion(tmp_path):
+    """The contracts are checked on a copy of the package with that one fault."""
     if not (linter := Path(sys.executable).with_name('lint-imports')).exists():
         pytest.skip('lint-imports is not installed beside Python; make test brings it')
     shutil.copytree(ROOT / 'pendubot_identification', tmp_path / 'pendubot_identification')
@@ -57,7 +57,7 @@ def test_the_layers_hold_and_an_import_of_ros_in_a_criterion_would_be_found(tmp_
 
 
 def imported(folder):
-    """The packages, but for Python's own and ours, that are imported there, needed or not; benchmarks' peers apart."""
+    """Return the packages that a folder imports, except the standard library, ours and benchmarks' competitors."""
     found = set()
     for path in (path for path in (ROOT / folder).rglob('*.py') if 'benchmark' not in path.parts):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -67,11 +67,11 @@ def imported(folder):
                 found.add(node.module.split('.')[0])
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'pytest.importorskip':
                 found |= {argument.value for argument in node.args if isinstance(argument, ast.Constant)}
-    return found - {*sys.stdlib_module_names, *BROUGHT, 'pendubot_identification', 'benchmarks', 'test'}
+    return found - {*sys.stdlib_module_names, *OF_MCAP, 'pendubot_identification', 'benchmarks', 'test'}
 
 
-def test_tests_of_what_rosdep_does_not_bring_are_skipped_without_it():
-    """``colcon test`` has the dependencies of package.xml alone, and one import that fails ends all tests."""
+def test_tests_that_import_packages_without_rosdep_key_are_skipped_without_them():
+    """``colcon test`` has only the dependencies of package.xml, and one failed import ends all tests."""
     unguarded = set()
     for path in (ROOT / 'test').rglob('*.py'):
         tree = ast.parse(path.read_text())
@@ -85,23 +85,22 @@ def test_tests_of_what_rosdep_does_not_bring_are_skipped_without_it():
 
 
 def required(argument):
-    """What setup.py gives this argument of setup(), the versions taken off."""
+    """Return an argument of setup() in setup.py, without versions."""
     keywords = (node for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text())) if isinstance(node, ast.keyword))
     value = ast.literal_eval(next(keyword.value for keyword in keywords if keyword.arg == argument))
     requirements = value['test'] if isinstance(value, dict) else value
     return {re.match(r'[\w-]+', requirement)[0] for requirement in requirements}
 
 
-def test_package_xml_and_setup_py_name_what_is_imported():
-    """What colcon and rosdep, or pip, do not bring is missing on the user's machine."""
+def test_package_xml_and_setup_py_declare_every_imported_package():
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
     assert 'python3-markupsafe' not in {each.text for each in package.iter()}, 'rosdep has no such key'
     code = (imported('pendubot_identification') | imported('launch')) - OPTIONAL
     tests = imported('test') - code - NO_ROSDEP - OPTIONAL
     for names, kind, argument in ((code, 'exec', 'install_requires'), (tests, 'test', 'extras_require')):
         keys, on_pypi = {each.text for each in package.iter(f'{kind}_depend')}, required(argument)
-        for name in names - {'markupsafe'}:  # python3-jinja2 brings it; it has no rosdep key
+        for name in names - {'markupsafe'}:  # a dependency of python3-jinja2, without a rosdep key
             key = {name, f'python3-{name}', ROSDEP.get(name)} & keys
             assert key, f'package.xml does not name {name}'
-            # What is keyed by its own name is ROS's.
+            # Packages whose key is their name belong to ROS.
             assert key == {name} or PYPI.get(name, name) in on_pypi, f'setup.py does not name {name}'

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""colcon, from PyPI, builds and installs the package, and every program runs from there."""
+"""colcon, from PyPI, builds and installs the package, and every program runs from the installation."""
 
 import os
 import re
@@ -22,7 +22,7 @@ PARTS = (
 
 
 def copied_to(folder):
-    """What the package is made of, without what was compiled."""
+    """Copy the sources of the package."""
     folder.mkdir(parents=True, exist_ok=True)
     for part in PARTS:
         if (ROOT / part).is_dir():
@@ -42,7 +42,7 @@ def run(command, folder, env, timeout=300):
 @pytest.mark.parametrize(
     'options', [[], ['--symlink-install', '--packages-select', 'pendubot_identification']], ids=['copied', 'symlinked']
 )
-def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
+def test_colcon_builds_the_package_and_every_program_runs(tmp_path, options):
     copied_to(tmp_path / 'src' / 'pendubot_identification')
     env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
     places = '--base-paths', 'src', 'src/pendubot_identification/pendubot_interfaces'
@@ -56,15 +56,15 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
         return run(['bash', '-c', f'source "{tmp_path}/install/setup.bash" && {command}'], tmp_path, env)
 
     found = {path.name for path in programs.iterdir() if os.access(path, os.X_OK)}
-    assert found == set(PROGRAMS), 'what ros2 run finds'
-    # Symbolic links may change only where files are found, which all nodes do alike.
-    asked = ('pendubot', 'bridge') if options else PROGRAMS
-    helps = sourced(' && echo ==== && '.join(f'"{programs / program}" --help' for program in asked)).split('====\n')
-    for program, said in zip(asked, helps, strict=True):
-        assert said.startswith('usage: '), said
+    assert found == set(PROGRAMS)
+    # Symbolic links affect only the search for files, which is the same in all nodes.
+    tested = ('pendubot', 'bridge') if options else PROGRAMS
+    helps = sourced(' && echo ==== && '.join(f'"{programs / program}" --help' for program in tested)).split('====\n')
+    for program, text in zip(tested, helps, strict=True):
+        assert text.startswith('usage: '), text
         if program != 'virtual_board':
-            named = Path(re.search(r'(?:commented parameter file|sample bag): (\S+)', said)[1])
-            assert named.is_relative_to(tmp_path), f'{named} is of another install'
+            named = Path(re.search(r'(?:commented parameter file|sample bag): (\S+)', text)[1])
+            assert named.is_relative_to(tmp_path), f'{named} belongs to another installation'
             assert named.exists()
     assert (share / 'ament_index/resource_index/packages/pendubot_identification').exists()
     for folder in ('config', 'foxglove', 'launch', 'examples'):
@@ -75,20 +75,20 @@ def test_colcon_builds_and_every_program_runs_from_there(tmp_path, options):
     bag = share / 'pendubot_identification/bags/paper_experiment'
     sourced(f'"{programs / "pendubot"}" identify "{bag}" --optimizer lsq --output result.yaml --report look')
     assert (tmp_path / 'result.yaml').is_file()
-    assert (tmp_path / 'look' / 'report.html').is_file(), 'the page needs its template'
+    assert (tmp_path / 'look' / 'report.html').is_file()
     assert sourced(f'"{programs / "pendubot"}" --version').endswith('compiled kernel\n')
 
 
-def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tmp_path):
+def test_without_a_compiler_the_package_builds_and_reports_the_use_of_numpy(tmp_path):
     copied_to(tmp_path)
     env = {**os.environ, 'CC': 'no-such-compiler', 'PENDUBOT_KERNEL': 'on'}
     run([sys.executable, 'setup.py', '--quiet', 'build', '--build-lib', 'out'], tmp_path, env)
-    said = run(
+    output = run(
         [sys.executable, '-c', 'from pendubot_identification import kernel; print(kernel.description())'],
         tmp_path / 'out',
         env,
     )
-    assert said.endswith('numpy (no compiled kernel: there was no C compiler)\n')
+    assert output.endswith('numpy (no compiled kernel: there was no C compiler)\n')
 
 
 @pytest.mark.build
@@ -96,7 +96,7 @@ def test_without_a_compiler_the_package_builds_and_says_that_it_goes_by_numpy(tm
     sys.version_info >= (3, 13), reason='numpy 1.26 has no wheel for this Python, nor has Jazzy this Python'
 )
 def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
-    # Before numpy 2 the type of a product depended on the values: what overflows there does not do so here.
+    # Before numpy 2 the type of a product depends on the values, and overflows differ.
     pip = [
         sys.executable,
         '-m',
@@ -114,9 +114,9 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     run([sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *tests], ROOT, env)
     (tmp_path / 'quick.yaml').write_text('{criterion: energy, runs: 2, generations: 300, model: viscous, hold: zero}')
     identify = ['identify', '--verbose', 'bags/paper_experiment@0:9', '--settings', str(tmp_path / 'quick.yaml')]
-    said = run(
+    output = run(
         [sys.executable, '-m', 'pendubot_identification.cli.main', *identify],
         ROOT,
         {**env, 'PENDUBOT_KERNEL': 'off'},
     )
-    assert 'energy: MDE: ' in said
+    assert 'energy: MDE: ' in output

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The complete main job in real processes: from the board's bytes to a latched parameter vector."""
+"""The complete identification in real processes: from the board's bytes to a latched parameter vector."""
 
 import os
 import re
@@ -22,14 +22,14 @@ pytestmark = pytest.mark.ros
 
 
 class Demo(Program):
-    """A demonstration, and all that it starts, which can be made to pause as on a computer that does other things."""
+    """A demonstration whose programs can be paused, as on a busy computer."""
 
     def __init__(self, folder, *options):
         self.folder = folder
         super().__init__('pendubot', 'demo', '--output', folder, *options)
 
     def wait_for_log(self, name, text):
-        """Wait until one of its programs has said this."""
+        """Wait for a text in the log of a program."""
         log, deadline = self.folder / f'{name}.log', time.monotonic() + 180.0
         while not (log.exists() and text in log.read_text()):
             assert time.monotonic() < deadline, self.output
@@ -37,12 +37,12 @@ class Demo(Program):
             time.sleep(0.02)
 
     def pause(self, seconds, program=''):
-        """Let one of its programs stand still, or all of them and itself; and then run, for as long."""
-        everything = [path for path in Path('/proc').iterdir() if path.name.isdecimal()]
-        mine = [path for path in everything if _group(path) == self.process.pid]
+        """Suspend a program, or all including the demo, and then let them run for as long."""
+        processes = [path for path in Path('/proc').iterdir() if path.name.isdecimal()]
+        mine = [path for path in processes if _group(path) == self.process.pid]
         named = f'\0{program}\0' if program else ''
         group = [int(path.name) for path in mine if named in (path / 'cmdline').read_text()]
-        assert group, f'no {program} is there'
+        assert group, f'{program} does not run'
         for each in (signal.SIGSTOP, signal.SIGCONT):
             for pid in group:
                 os.kill(pid, each)
@@ -56,8 +56,8 @@ def _group(process):
         return None
 
 
-def test_the_demo_ends_in_a_table_of_all_criteria_beside_the_truth(tmp_path):
-    """Whichever of its programs pauses meanwhile, for as long as a busy computer may keep it waiting."""
+def test_the_demo_ends_with_a_table_of_all_criteria_and_the_true_values(tmp_path):
+    """Each program pauses for as long as on a busy computer."""
     folder = tmp_path / 'demo'
     with Witness() as witness, Demo(folder) as demo:
         begun = time.monotonic_ns()
@@ -65,7 +65,7 @@ def test_the_demo_ends_in_a_table_of_all_criteria_beside_the_truth(tmp_path):
         for program in ('virtual_board', 'bridge', 'exciter', 'recorder', ''):
             demo.pause(0.5, program)
         assert demo.process.wait(240) == 0, demo.output
-        # Only a machine that itself keeps programs waiting makes the pauses longer than what the demo bears.
+        # The demo repeats the recording only if the machine itself pauses longer.
         assert 'once more' not in demo.output or witness.longest_pause(begun) > 100
     domain = re.search(r'virtual rig in ROS domain (\d+),', demo.output)[1]
     assert domain not in ('0', os.environ['ROS_DOMAIN_ID'])
@@ -86,11 +86,8 @@ def test_the_demo_ends_in_a_table_of_all_criteria_beside_the_truth(tmp_path):
     assert not motion.tau[:, 1].any(), 'a pendubot has no motor at the elbow'
 
 
-def test_the_balance_demo_ends_with_a_rig_that_is_held_and_its_picture(tmp_path):
-    """What was identified swings the rig up and holds it; nothing else about it is known to the controller.
-
-    Whichever of its programs pauses, the rig is held in the end; what a longer pause ends is done once more.
-    """
+def test_the_balance_demo_ends_with_a_balanced_rig_and_a_figure(tmp_path):
+    """The controller uses only identified parameters. Short pauses are harmless; after a long one the demo repeats."""
     folder = tmp_path / 'demo'
     with Demo(folder, '--balance') as demo:
         demo.wait_for_log('balancer', 'armed and moving')

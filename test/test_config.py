@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parameter files in config/ and the descriptors, as a user of ``--params-file`` and ``ros2 param`` meets them."""
+"""The parameter files, layouts and parameter descriptors for users of ROS tools."""
 
 import importlib
 import json
@@ -14,9 +14,9 @@ import yaml
 from test.conftest import ROOT
 
 pytestmark = pytest.mark.ros
-#: Of nodes of other packages.
+#: Files for nodes of other packages.
 OTHERS = 'controllers.yaml', 'diagnostic_aggregator.yaml'
-#: The topics that a picture may show.
+#: The topics that a layout may show.
 SHOWN = {'/joint_states', '/diagnostics', '/robot_description'}
 SHOWN |= {f'/pendubot/{name}' for name in ('effort_command', 'params', 'identification', 'robot_description')}
 
@@ -26,7 +26,7 @@ SHOWN |= {f'/pendubot/{name}' for name in ('effort_command', 'params', 'identifi
     sorted({*(ROOT / 'config').glob('*.yaml')} - {ROOT / 'config' / name for name in OTHERS}),
     ids=lambda path: path.stem,
 )
-def test_a_file_loads_into_its_node_in_any_namespace_with_every_parameter_and_a_descriptor_of_each(path):
+def test_a_parameter_file_has_every_parameter_of_its_node_with_default_and_descriptor(path):
     import rclpy
     from rclpy.node import Node
 
@@ -42,14 +42,14 @@ def test_a_file_loads_into_its_node_in_any_namespace_with_every_parameter_and_a_
             described = descriptor(setting)
             value = setting.of_ros(node.declare_parameter(setting.name, setting.default, described).value)
             setting.check(value)
-            assert value == setting.of_ros(setting.default), 'a file that is copied changes nothing'
+            assert value == setting.of_ros(setting.default), 'the file must have the default values'
             assert described.description
             assert f'[{setting.unit}]' in described.description or not setting.unit
         node.destroy_node()
 
 
 def test_the_layouts_show_topics_that_exist():
-    """The programs that read them are in no registry of packages."""
+    """The programs that read the layouts are in no registry of packages."""
     layout = json.loads((ROOT / 'foxglove' / 'pendubot.json').read_text())
     panels = set(re.findall(r'"(?:first|second)": "(.*?)"', json.dumps(layout['layout'])))
     assert panels == set(layout['configById'])
@@ -58,10 +58,10 @@ def test_the_layouts_show_topics_that_exist():
     plot = ElementTree.parse(ROOT / 'config' / 'plotjuggler.xml')
     subscribed = {each.get('name') for each in plot.iter('topic')}
     assert subscribed < SHOWN
-    made = {each.get('name') for each in plot.iter('snippet')}
+    computed = {each.get('name') for each in plot.iter('snippet')}
     names = {each.get('name') for each in plot.iter('curve')} | {each.text for each in plot.iter('linked_source')}
-    assert made <= names
-    assert not [name for name in names - made if not name.startswith(tuple(f'{topic}/' for topic in subscribed))]
+    assert computed <= names
+    assert not [name for name in names - computed if not name.startswith(tuple(f'{topic}/' for topic in subscribed))]
 
 
 def test_the_aggregator_groups_every_program_that_reports():

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the documentation tells a user to type, typed; what only ROS itself could run, held against what is declared."""
+"""The commands of the documentation are executed; ros2 commands, links and names are compared with the code."""
 
 import importlib
 import re
@@ -26,9 +26,9 @@ PAGES = [
 #: Pages whose links are checked, too.
 BESIDE = [ROOT / 'firmware' / 'README.md', ROOT / 'test' / 'SAFETY.md']
 PACKAGE = 'pendubot_identification'
-#: Those of the subcommands that need ROS, or a browser.
+#: Subcommands that need ROS or a browser.
 LIVE = {'demo', 'studio'}
-#: What would take half a minute is done in little.
+#: Options that shorten long commands.
 QUICK = {'--design': ('--duration', '4'), 'reproduce': ('--only', 'table7', '--runs', '2')}
 #: Topics and services that users of the design rely on.
 SERVED = {'/joint_states', '/pendubot/effort_command', '/pendubot/params', '/pendubot/identification'}
@@ -37,18 +37,18 @@ SERVED |= {'/identifier/identify', '/effort_controller/commands'}
 
 
 def blocks(page):
-    """The lines of a page that stand indented or fenced, comments at their end removed."""
+    """Return the lines of a page's indented code blocks, without comments."""
     return [line.split(' #')[0].strip() for line in re.findall(r'^    (.*)', page.read_text(), re.MULTILINE)]
 
 
 def commands(page):
-    """The offline pendubot commands in a page's code blocks, but for those that stand for others."""
+    """Return the offline pendubot commands in a page's code blocks, except placeholders."""
     lines = [line for line in blocks(page) if re.match(r'pendubot \S', line)]
     return [line for line in lines if 'BAG' not in line and 'FILE' not in line and line.split()[1] not in LIVE]
 
 
-def test_commands_work_as_printed_all_in_one_folder_and_are_of_every_subcommand(tmp_path, monkeypatch, capsys):
-    """With the sample bag and, under the names that the pages use, recordings of one's own; nothing is overwritten."""
+def test_documented_commands_of_every_subcommand_work_in_one_folder(tmp_path, monkeypatch, capsys):
+    """The folder has the sample bag and recordings with the names of the pages."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(ROOT / 'bags', tmp_path / 'bags')
     assert main(['simulate', '--output', 'swing']) == 0
@@ -65,14 +65,14 @@ def test_commands_work_as_printed_all_in_one_folder_and_are_of_every_subcommand(
 
 
 def launch_arguments(file):
-    """The arguments of a launch file."""
+    """Return the arguments of a launch file."""
     from pendubot_identification.launching import COMMON, launch_file
 
     return {*launch_file(file)['ARGUMENTS'], *COMMON}
 
 
 def known(kind, *words):
-    """Whether all that a ros2 command names is there."""
+    """Return whether every name in a ros2 command exists."""
     assigned = {word.split(':=')[0] for word in words if ':=' in word and not word.startswith('__')}
     if kind == 'launch':
         return words[0] == PACKAGE and assigned <= launch_arguments(words[1])
@@ -88,7 +88,7 @@ def known(kind, *words):
 
 @pytest.mark.ros
 @pytest.mark.parametrize('page', [*PAGES, *sorted((ROOT / 'launch').glob('*.py'))], ids=lambda page: page.name)
-def test_ros2_commands_name_what_there_is(page):
+def test_names_in_documented_ros2_commands_exist(page):
     for line in blocks(page) if page.suffix == '.md' else page.read_text().splitlines():
         command = re.sub(r"^alias \w+='(.*)'$", r'\1', line)
         if command.startswith('ros2 '):
@@ -96,13 +96,13 @@ def test_ros2_commands_name_what_there_is(page):
 
 
 def anchors(page):
-    """Where a link into a page can lead, made of its headings as GitHub does."""
+    """Return GitHub's anchors of the headings of a page."""
     headings = re.findall(r'^#+ (.*)', re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL), re.MULTILINE)
     return {re.sub(r'[^\w -]', '', heading.lower()).replace(' ', '-') for heading in headings}
 
 
 @pytest.mark.parametrize('page', [*PAGES, *BESIDE], ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_lead_somewhere_and_modules_are_there(page):
+def test_targets_of_links_and_named_modules_exist(page):
     prose = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
     if page not in BESIDE:
         for path in re.findall(r'`((?:[a-z]+/)*\w+\.(?:py|c))`', prose):
@@ -115,7 +115,7 @@ def test_links_lead_somewhere_and_modules_are_there(page):
             assert not anchor or anchor in anchors(found), f'{page.name} links to {target}'
 
 
-def test_the_walks_through_the_code_name_functions_that_there_are():
+def test_functions_in_the_walks_through_the_code_exist():
     page = (ROOT / 'docs' / 'development.md').read_text()
     (walks,) = re.findall(r'^## Two walks\n(.*?)^## ', page, re.MULTILINE | re.DOTALL)
     code = [path.read_text() for path in (ROOT / PACKAGE).rglob('*.py')]
@@ -125,8 +125,7 @@ def test_the_walks_through_the_code_name_functions_that_there_are():
         assert any(map(defined.search, owned)), f'there is no {owner}.{name}'
 
 
-def test_files_name_only_pages_that_there_are():
-    """In code, configuration and what is printed."""
+def test_pages_named_in_files_exist():
     files = [path for folder in (PACKAGE, 'config', 'launch', 'test') for path in (ROOT / folder).rglob('*.*')]
     files = [ROOT / 'Makefile', ROOT / 'CHANGELOG.rst', *PAGES, *(path for path in files if path.suffix != '.so')]
     named = {name for path in files for name in re.findall(rb'\bdocs/[\w-]+\.(?:md|svg|png)\b', path.read_bytes())}
@@ -134,17 +133,17 @@ def test_files_name_only_pages_that_there_are():
     assert not [name for name in named if not (ROOT / name.decode()).exists()]
 
 
-def test_every_message_that_troubleshooting_explains_is_one_that_is_given():
+def test_every_message_of_the_troubleshooting_page_is_in_the_code():
     paths = [*(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'launch').glob('*.py')]
-    # Texts that stand on several lines become one.
+    # Join string literals on several lines.
     code = '\n'.join(re.sub(r"""['"]\s*\n\s*f?['"]""", '', path.read_text()) for path in paths)
     rows = re.findall(r'^\| (.*?) \|', (ROOT / 'docs' / 'troubleshooting.md').read_text(), re.MULTILINE)
     for symptom in (quoted for row in rows for quoted in re.findall(r'`([^`]+ [^`]+)`', row)):
         parts = [part.strip() for part in symptom.split('…')]
-        assert re.search('.*'.join(map(re.escape, parts)), code), f'nothing says: {symptom}'
+        assert re.search('.*'.join(map(re.escape, parts)), code), f'no message contains: {symptom}'
 
 
-def test_the_tests_of_the_safety_statements_are_there():
+def test_the_tests_of_the_safety_statements_exist():
     named = re.findall(r'`([\w/]+\.py)::(\w+)`', (ROOT / 'test' / 'SAFETY.md').read_text())
     assert len(named) > 30
     for file, name in named:
@@ -157,7 +156,7 @@ def code_of(language, page):
     return code
 
 
-def test_the_notebook_of_the_page_identifies_the_sample_bag(tmp_path, monkeypatch):
+def test_the_python_example_of_the_page_identifies_the_sample_bag(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     exec(code_of('python', ROOT / 'docs' / 'getting-started.md'), names := {})
     np.testing.assert_allclose(names['rig'].theta[:7], PAPER.vector(), rtol=0.05)
@@ -165,7 +164,7 @@ def test_the_notebook_of_the_page_identifies_the_sample_bag(tmp_path, monkeypatc
 
 
 @pytest.mark.ros
-def test_the_controller_receives_what_was_latched_before_it_started(ros):
+def test_the_example_controller_receives_earlier_latched_messages(ros):
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import Float64MultiArray
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Every fault of the table for seconds; ``python -m benchmarks.faults`` does it for minutes, and judges times too."""
+"""Every fault trial for seconds; ``python -m benchmarks.faults`` runs minutes and also checks times."""
 
 import itertools
 
@@ -11,7 +11,7 @@ from benchmarks.faults import bridge, ownership
 from test.processes import BOARDS
 
 pytestmark = [pytest.mark.ros, pytest.mark.faults]
-#: Of the boards, which answer with the same bytes (firmware/test_ownership.py), each has every second trial.
+#: The boards alternate: they answer with the same bytes (firmware/test_ownership.py).
 TURNS = itertools.cycle(BOARDS)
 CASES = [
     pytest.param(trial, next(TURNS) if trial.board else 'python', id=trial.name)
@@ -20,7 +20,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(('trial', 'each_board'), CASES, indirect=['each_board'])
-def test_it_neither_lies_nor_loses(trial, each_board, ros, tmp_path):
+def test_under_a_fault_every_figure_meets_its_requirement(trial, each_board, ros, tmp_path):
     figures = trial.run(tmp_path, False)
     missed = [f'{figure.wanted}: {figure.measured}' for figure in figures if not (figure.met or figure.time)]
     assert not missed, '; '.join(missed)

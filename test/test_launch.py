@@ -1,9 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The plans of the launch files: which programs start with which parameters, and what is refused before any starts.
+"""The plans of the launch files: programs, parameters, and refusals before any start.
 
-test_launched.py hands the plans to the real launch library, where that is installed; no registry of packages has it.
+test_launched.py executes the plans with the real launch library, which is in no registry of packages.
 """
 
 import importlib
@@ -26,11 +26,11 @@ from test.nodes.conftest import written
 
 PACKAGE = 'pendubot_identification'
 PROGRAMS = 'bridge', 'recorder', 'exciter', 'player', 'identifier', 'virtual_board'
-#: Programs of others, which are packages of the same name.
+#: Programs of other packages with the same names.
 OTHERS = 'robot_state_publisher', 'rviz2', 'plotjuggler'
 RANGE, PROFILES = launching.RANGE, launching.PROFILES
 BAG = str(ROOT / 'bags' / 'paper_experiment')
-#: Of each launch file, the arguments that it needs.
+#: Required arguments of each launch file.
 NEEDED = {'rig': {}, 'virtual': {}, 'view': {}, 'identification': {}, 'replay': {'bag': BAG}, 'control': {}}
 #: Programs and packages of ros2_control.
 CONTROL = 'ros2_control_node', 'spawner'
@@ -44,7 +44,7 @@ INSTALLED += [(package, 'library') for package in ('joint_state_broadcaster', HA
 
 @pytest.fixture(autouse=True)
 def packages(tmp_path, monkeypatch):
-    """The packages that are installed; their programs may be taken away."""
+    """The folder of the installed programs, which a test may remove."""
     folder, index = tmp_path / 'prefix' / 'lib', tmp_path / 'prefix/share/ament_index/resource_index/packages'
     index.mkdir(parents=True)
     for package, program in INSTALLED:
@@ -57,14 +57,14 @@ def packages(tmp_path, monkeypatch):
 
 @pytest.fixture
 def unset(monkeypatch):
-    """No variable says which machines take part."""
+    """Remove the variables that select the participating machines."""
     for variable in (RANGE, *PROFILES):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(launching, 'COMMON', runpy.run_module(launching.__name__)['COMMON'])
 
 
 def launch(name, above='', **given):
-    """Return the programs by name that a launch file starts with these arguments, included in a namespace."""
+    """Return the programs by name that a launch file starts with these arguments below a namespace."""
     file = launching.launch_file(f'{name}.launch.py')
     known = {**file['ARGUMENTS'], **launching.COMMON}
     texts = {argument: str(default) for argument, (default, _) in known.items()} | {'ros_namespace': above}
@@ -75,7 +75,7 @@ def launch(name, above='', **given):
 
 
 def files_and_values(program):
-    """Return the parameters of a program: its files, and the values that come after them and so count."""
+    """Return the parameters of a program: its files, and the values that take precedence over them."""
     files = [each for each in program.parameters if isinstance(each, str)]
     typed = [each for each in program.parameters if isinstance(each, dict)]
     assert list(program.parameters) == [*files, *typed]
@@ -94,7 +94,7 @@ def files_and_values(program):
         ('control', ['bridge', 'recorder', 'robot_state_publisher', *CONTROL]),
     ],
 )
-def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_one_namespace(name, programs):
+def test_a_launch_file_starts_programs_with_existing_parameters_on_this_machine_in_one_namespace(name, programs):
     started = launch(name, **NEEDED[name])
     assert list(started) == programs
     for program in {*programs} & {*PROGRAMS} - {'virtual_board'}:
@@ -102,16 +102,16 @@ def test_starts_the_programs_with_parameters_that_they_have_on_this_machine_in_o
         module = importlib.import_module(f'{PACKAGE}.nodes.{program}')
         assert set(values) <= {setting.name for setting in getattr(module, program.title()).SETTINGS}
         assert files in ([], [str(ROOT / 'config' / f'{program}.yaml')])
-        assert started[program].name == program, 'the file is addressed to this node'
+        assert started[program].name == program, 'the file must apply to this node'
     assert {(each.namespace, each.additional_env[RANGE]) for each in started.values()} == {('', 'LOCALHOST')}
-    told = launch(name, namespace='lab1', discovery='SUBNET', **NEEDED[name]).values()
-    assert {(each.namespace, each.additional_env[RANGE]) for each in told} == {('lab1', 'SUBNET')}
+    started = launch(name, namespace='lab1', discovery='SUBNET', **NEEDED[name]).values()
+    assert {(each.namespace, each.additional_env[RANGE]) for each in started} == {('lab1', 'SUBNET')}
 
 
 @pytest.mark.usefixtures('unset')
 @pytest.mark.parametrize('name', NEEDED)
-def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_profile_is_there(monkeypatch, name):
-    """By a profile of Fast DDS; test_network.py shows what it does."""
+def test_other_machines_are_excluded_except_on_request_or_with_a_users_profile(monkeypatch, name):
+    """A profile of Fast DDS excludes them; test_network.py tests its effect."""
 
     def profiles(**arguments):
         started = launch(name, **NEEDED[name], **arguments).values()
@@ -127,7 +127,7 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
 
 
 @pytest.mark.parametrize(
-    ('name', 'arguments', 'missing', 'said'),
+    ('name', 'arguments', 'missing', 'message'),
     [
         ('rig', {'amplitude': 'nan'}, None, 'amplitude is nan; a number is expected'),
         ('rig', {'seed': '1.5'}, None, 'seed is 1.5; a whole number is expected'),
@@ -147,20 +147,20 @@ def test_programs_of_other_machines_are_kept_out_unless_they_are_wanted_or_a_pro
         ('replay', {'rviz': 'true', 'bag': BAG}, OTHERS[1], 'ros-$ROS_DISTRO-rviz2, or set rviz:=false'),
     ],
 )  # fmt: skip
-def test_what_cannot_work_is_refused_before_anything_is_started(packages, name, arguments, missing, said):
-    """What came before would be running, and nobody would end it: an exciter would arm, and move the rig."""
+def test_invalid_arguments_and_missing_programs_are_refused(packages, name, arguments, missing, message):
+    """Otherwise earlier programs would keep running: an exciter would arm and move the rig."""
     if missing:
         (packages / (missing if missing in OTHERS else PACKAGE) / missing).unlink()
-    with pytest.raises(PendubotError, match=re.escape(said)):
+    with pytest.raises(PendubotError, match=re.escape(message)):
         launch(name, **arguments)
     if missing in OTHERS:
-        assert launch(name, **arguments, view='false'), 'what nobody wants is not missing'
+        assert launch(name, **arguments, view='false'), 'an unused program must not be required'
 
 
 @pytest.mark.parametrize('namespace', ['', 'lab1', '/lab1'])
 @pytest.mark.parametrize(('argument', 'program'), [('bridge', 'bridge'), ('excitation', 'exciter')])
-def test_a_parameter_file_of_which_nothing_is_taken_is_refused(tmp_path, namespace, argument, program):
-    """A rig would move by the defaults instead, within limits far from those of the file."""
+def test_a_parameter_file_without_parameters_for_the_node_is_refused(tmp_path, namespace, argument, program):
+    """Otherwise a rig would move with the defaults instead of the file's limits."""
     file = tmp_path / 'mine.yaml'
     given = {argument: str(file), **({'namespace': namespace} if namespace else {})}
     node = f'/lab1/{program}' if namespace else f'/{program}'
@@ -169,19 +169,19 @@ def test_a_parameter_file_of_which_nothing_is_taken_is_refused(tmp_path, namespa
         assert str(file) in launch('rig', **given)[program].parameters
     for name in ('recorder', f'/lab2/{program}', *([program] if namespace else [])):
         file.write_text(yaml.safe_dump({name: {'ros__parameters': {'seed': 1}}}))
-        said = f'{file} has no effect: it contains parameters of /{name.strip("/")}, and none of {node}; name {node}'
-        with pytest.raises(ParameterError, match=re.escape(f'{said} in it, or /**/{program} for')):
+        message = f'{file} has no effect: it contains parameters of /{name.strip("/")}, and none of {node}; name {node}'
+        with pytest.raises(ParameterError, match=re.escape(f'{message} in it, or /**/{program} for')):
             launch('rig', **given)
 
 
-def test_a_namespace_is_below_that_of_the_including_file_unless_it_is_absolute(tmp_path):
+def test_a_relative_namespace_is_below_the_including_files_namespace(tmp_path):
     file = tmp_path / 'mine.yaml'
     for namespace, node in (('', '/hall/bridge'), ('lab1', '/hall/lab1/bridge'), ('/lab1', '/lab1/bridge')):
         file.write_text(yaml.safe_dump({node: {'ros__parameters': {'torque_limit': 1.0}}}))
         assert launch('rig', above='/hall', namespace=namespace, bridge=str(file))['bridge'].namespace == namespace
 
 
-#: Where somebody's own parameter file is named.
+#: A user's parameter file.
 MINE = '~/mine.yaml'
 TRAIN = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 3}
 
@@ -191,18 +191,18 @@ TRAIN = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 
     [
         ('rig', {}, 'bridge', None, {}),
         ('rig', {'port': '7', 'baud': '115200'}, 'bridge', None, {'port': '7', 'baud': 115200}),
-        # A limit on the torque above all is the file's; with a virtual board never its port, where a rig may be.
+        # The file's torque limit applies; with a virtual board its port does not, where a real rig may be.
         ('rig', {'bridge': MINE}, 'bridge', MINE, {}),
         ('rig', {'bridge': MINE, 'virtual': 'true'}, 'bridge', MINE,
          {'port': '/tmp/pendubot', 'confirm_zeros': False}),
         ('virtual', {'port': '/tmp/x'}, 'bridge', None, {'port': '/tmp/x', 'confirm_zeros': False}),
-        # Nothing is moved that is not recorded.
+        # The exciter requires a recorder.
         ('rig', {'amplitude': '0.5', 'duration': '10', 'seed': '3', 'arm': 'true'}, 'exciter', None,
          {'arm': True, 'recorded': True, **TRAIN}),
         ('rig', {'amplitude': '0.5', 'excitation': MINE}, 'exciter', MINE, {'arm': False, 'recorded': True}),
     ],
 )  # fmt: skip
-def test_parameters_are_those_of_the_file_but_for_what_is_an_argument(
+def test_arguments_take_precedence_over_the_parameter_file(
     tmp_path, monkeypatch, name, arguments, program, file, values
 ):
     monkeypatch.setenv('HOME', str(tmp_path))
@@ -218,7 +218,7 @@ def test_parameters_are_those_of_the_file_but_for_what_is_an_argument(
     ('given', 'bags'),
     [({}, ['']), ({'bags': '12'}, ['12']), ({'bags': "['12@0:9', 'b']"}, ['12@0:9', 'b']), ({'bags': '[]'}, [''])],
 )
-def test_bags_are_one_or_a_list(tmp_path, monkeypatch, given, bags):
+def test_bags_are_a_text_or_a_list(tmp_path, monkeypatch, given, bags):
     monkeypatch.chdir(tmp_path)
     for name in ('12', 'b', 'c'):
         Path(name).mkdir()
@@ -226,7 +226,7 @@ def test_bags_are_one_or_a_list(tmp_path, monkeypatch, given, bags):
     assert (values['bags'], values['validate']) == (bags, ['c'])
 
 
-def test_the_view_describes_the_rig_and_shows_it_where_wanted(tmp_path):
+def test_the_view_describes_the_rig_and_starts_viewers_on_request(tmp_path):
     def described(**arguments):
         (only,) = launch('view', **arguments).values()
         assert all(relative == topic.lstrip('/') for topic, relative in only.remappings)
@@ -240,7 +240,7 @@ def test_the_view_describes_the_rig_and_shows_it_where_wanted(tmp_path):
     assert all(Path(started[name].arguments[1]).is_file() for name in OTHERS[1:])
 
 
-def test_a_replayed_bag_has_its_identified_rig_beside_it_as_a_ghost(tmp_path):
+def test_a_replay_with_parameters_shows_the_identified_rig_as_a_ghost(tmp_path):
     rig = str(written(tmp_path / 'rig.yaml', BALANCE))
     started = launch('replay', bag=BAG, parameters=rig)
     assert list(started) == ['player', 'robot_state_publisher', 'ghost_state_publisher']
@@ -248,22 +248,22 @@ def test_a_replayed_bag_has_its_identified_rig_beside_it_as_a_ghost(tmp_path):
     ghost = started['ghost_state_publisher']
     assert ghost.executable == 'robot_state_publisher'
     remapped = {('joint_states', 'ghost/joint_states'), ('robot_description', 'ghost/robot_description')}
-    remapped |= {('/ghost/robot_description', 'ghost/robot_description')}  # of RViz, in a namespace
+    remapped |= {('/ghost/robot_description', 'ghost/robot_description')}  # for RViz in a namespace
     assert remapped < set(ghost.remappings)
     robots = [files_and_values(started[name])[1]['robot_description'] for name in list(started)[1:]]
     measured, simulated = ({link.get('name') for link in ElementTree.fromstring(each).iter('link')} for each in robots)
-    assert measured & simulated - {None} == {'base_link'}, 'frames of both are on the same base'
+    assert measured & simulated - {None} == {'base_link'}, 'both must have the same base frame'
     display = yaml.safe_load((ROOT / 'config' / 'pendubot.rviz').read_text())['Visualization Manager']['Displays']
     assert '/ghost/robot_description' in [each.get('Description Topic', {}).get('Value') for each in display]
 
 
-def test_controllers_get_the_rig_as_hardware_and_the_recorder_their_commands(packages, tmp_path):
+def test_controllers_use_the_rig_as_hardware_and_their_commands_are_recorded(packages, tmp_path):
     started = launch('control', virtual='true', namespace='lab1', controller="['mine', 'other']")
     assert list(started) == ['virtual_board', 'bridge', 'recorder', 'robot_state_publisher', *CONTROL]
     robot = ElementTree.fromstring(files_and_values(started['robot_state_publisher'])[1]['robot_description'])
     joints = {joint.get('name') for joint in robot.findall('joint')}
     hardware = robot.find('ros2_control')
-    assert {joint.get('name') for joint in hardware.findall('joint')} <= joints, 'ros2_control asks for this'
+    assert {joint.get('name') for joint in hardware.findall('joint')} <= joints
     assert [each.get('name') for each in hardware.findall('joint/command_interface')] == ['effort']
     topics = {each.get('name'): each.text for each in hardware.findall('hardware/param')}
     assert topics['joint_states_topic'] == 'joint_states'
@@ -298,7 +298,7 @@ def test_with_a_keystore_every_program_of_the_policy_starts_in_its_enclave(monke
             assert enclave == f'/pendubot/{"viewer" if program in OTHERS else program}'
 
 
-def test_the_lifecycle_and_the_patience_of_the_virtual_board_are_arguments():
+def test_autostart_and_the_virtual_boards_option_patient_are_arguments():
     started = launch('virtual', autostart='false', patient='true')
     assert started['virtual_board'].arguments == ('--link', '/tmp/pendubot', '--patient')
     started |= launch('identification', autostart='false')

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The launch files by the real launch library, with real programs; skipped where the library is not installed."""
+"""The launch files with the real launch library and real programs; skipped without the library."""
 
 import importlib.util
 import json
@@ -23,7 +23,7 @@ pytestmark = [
     pytest.mark.ros,
     pytest.mark.skipif(importlib.util.find_spec('launch_ros') is None, reason='no launch library: no ROS workspace'),
 ]
-#: What ros2 launch does, from a terminal.
+#: Executes a launch file like ros2 launch in a terminal.
 LAUNCH = """
 import sys
 from launch import LaunchDescription, LaunchService
@@ -40,9 +40,9 @@ service.include_launch_description(
 sys.exit(service.run())
 """
 CLOSED = b'\x89MCAP0\r\n'
-#: A program of this package as it is installed, and one that only says how it was started.
+#: A program of this package as installed, and a program that writes its arguments and environment to a file.
 REAL = 'import sys\nfrom pendubot_identification.programs import {name}\nsys.exit({name}())\n'
-TELLS = """
+REPORTING = """
 import json, os, sys, time
 from pathlib import Path
 partial = Path('{folder}/{name}.partial')
@@ -54,7 +54,7 @@ time.sleep(100)
 
 @pytest.fixture
 def launched(tmp_path):
-    """Launches a file with programs of a given source in the place of the installed ones."""
+    """Launches a file with programs of a given source in place of the installed ones."""
     script = tmp_path / 'start.py'
     script.write_text(LAUNCH)
     index = tmp_path / 'prefix/share/ament_index/resource_index/packages'
@@ -80,9 +80,9 @@ def launched(tmp_path):
 
 @pytest.fixture
 def rig(launched, tmp_path):
-    """Launches the rig on a virtual board that launch does not know of; returns torque and armed of its last sample."""
+    """Launches the rig with an independent virtual board; yields also a function for its last torque and armed bit."""
     trace, own = tmp_path / 'trace.csv', tmp_path / 'own.yaml'
-    # Timeouts that outlast what else a busy machine does.
+    # Long timeouts for a busy machine.
     patient = {'watchdog_ms': 500, 'link_timeout': 2.0, 'command_timeout': 1.0}
     own.write_text(yaml.safe_dump({'/**/bridge': {'ros__parameters': {'confirm_zeros': False, **patient}}}))
     given = {'bridge': own, 'port': tmp_path / 'rig', 'output': tmp_path / 'bag', 'arm': 'true', 'view': 'false'}
@@ -107,7 +107,7 @@ def until(condition, timeout=30.0):
 @pytest.mark.parametrize('name', NEEDED)
 def test_the_library_starts_the_planned_programs_with_their_parameters(launched, tmp_path, monkeypatch, name):
     given = {**NEEDED[name], 'namespace': '/lab1', **({'rviz': 'true'} if name == 'view' else {})}
-    program = launched(name, TELLS, *(f'{argument}:={value}' for argument, value in given.items()))
+    program = launched(name, REPORTING, *(f'{argument}:={value}' for argument, value in given.items()))
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path / 'prefix'))
     planned = launch(name, **given)
     until(lambda: len(list(tmp_path.glob('*.json'))) == len(planned) or program.process.poll() is not None)
@@ -123,7 +123,7 @@ def test_the_library_starts_the_planned_programs_with_their_parameters(launched,
     program.stop()
 
 
-def test_when_a_program_fails_everything_ends_with_1(launched, tmp_path):
+def test_a_failed_program_ends_the_launch_with_status_1(launched, tmp_path):
     (tmp_path / 'own.yaml').write_text('/**/bridge: {ros__parameters: {watchdog_ms: 3}}')
     given = {'bridge': tmp_path / 'own.yaml', 'output': tmp_path / 'bag', 'view': 'false'}
     program = launched('rig', REAL, *(f'{name}:={value}' for name, value in given.items()))
@@ -133,7 +133,7 @@ def test_when_a_program_fails_everything_ends_with_1(launched, tmp_path):
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_a_signal_to_launch_alone_ends_every_program_and_disarms(rig, tmp_path, number):
-    """launch itself would tell its programs of a SIGINT after 5 s, and of the others never."""
+    """The launch library itself forwards SIGINT after 5 s, and other signals never."""
     start, last = rig
     program = start()
     program.wait_for('exciting for')
@@ -152,8 +152,8 @@ def can_unshare():
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_launch_as_the_first_process_of_a_container_ends_in_order(rig, tmp_path, number):
-    """The system ignores a SIGTERM that such a process does not handle, and kills all others when it ends."""
+def test_launch_as_the_first_process_of_a_container_ends_cleanly(rig, tmp_path, number):
+    """The system ignores an unhandled SIGTERM of such a process, and kills all others when it ends."""
     if not can_unshare():
         pytest.skip('no right to make a PID namespace')
     start, last = rig
@@ -170,7 +170,7 @@ def test_launch_as_the_first_process_of_a_container_ends_in_order(rig, tmp_path,
     assert file.read_bytes().endswith(CLOSED), 'the recorder was killed'
 
 
-#: A launch file of a user, with an argument of its own.
+#: A user's launch file with an additional argument.
 USERS = f"""
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
@@ -182,10 +182,10 @@ def generate_launch_description():
 """
 
 
-def test_a_launch_file_that_includes_ours_may_have_arguments_of_its_own(launched, tmp_path):
+def test_a_launch_file_that_includes_ours_may_have_more_arguments(launched, tmp_path):
     file = tmp_path / 'users.launch.py'
     file.write_text(USERS)
-    program = launched(str(file).removesuffix('.launch.py'), TELLS, 'speed:=3', 'amplitude:=0.05', 'l1:=0.3')
+    program = launched(str(file).removesuffix('.launch.py'), REPORTING, 'speed:=3', 'amplitude:=0.05', 'l1:=0.3')
     until(lambda: (tmp_path / 'exciter.json').exists() or program.process.poll() is not None)
     assert (tmp_path / 'exciter.json').exists(), program.output
     program.stop()

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Every error message ends with what to do."""
+"""Every error message ends with an instruction."""
 
 import ast
 import re
@@ -12,13 +12,13 @@ from test.conftest import ROOT
 
 #: LongRecordingError adds the remedy itself.
 ERRORS = {*vars(errors), 'RefusedError', 'OtherClockError'} - {'LongRecordingError'}
-#: Rooms whose errors are mostly reasons for which a program waits or stops.
+#: Subpackages whose errors are mostly reasons why a program waits or stops.
 REASONS = 'control', 'tracking'
 VERBS = (
     'add allow begin call check choose convert copy correct design end export free give identify install leave load '
     'look name record remove rename see set source stop take track try use widen write'
 )
-#: An option, what is expected, what there is, a question, another message, or an instruction, perhaps one of several.
+#: An option, an expectation, the choices, a question, another message, or one or more instructions.
 REMEDY = re.compile(
     r'--[a-z]|pip install|in MATLAB,|\bexpected\b|^(the|its) \S+ are|\?$|: {}$|^{}$'
     rf'|(^|: |, |\bor )({VERBS.replace(" ", "|")})\b'
@@ -26,7 +26,7 @@ REMEDY = re.compile(
 
 
 def text_of(node: ast.expr, known: typing.Mapping[str, ast.expr]) -> str:
-    """Return a text in the code with {} for what is not constant; of a conditional text, its second case."""
+    """Return a text in the code with {} for variable parts, and the second case of a conditional text."""
     if isinstance(node, ast.Constant):
         return str(node.value)
     if isinstance(node, ast.JoinedStr):
@@ -41,7 +41,7 @@ def text_of(node: ast.expr, known: typing.Mapping[str, ast.expr]) -> str:
 
 
 def messages():
-    """Yield the place and the text of each error that is made."""
+    """Yield the location and the text of each error in the code."""
     for path in sorted((ROOT / 'pendubot_identification').rglob('*.py')):
         if path.parent.name in REASONS:
             continue
@@ -54,7 +54,7 @@ def messages():
                     yield f'{path.name}:{call.lineno}', text_of(call.args[0], known)
 
 
-def test_each_ends_with_an_instruction_or_with_what_is_expected():
-    found = list(messages())
-    assert len(found) > 150
-    assert not [(place, text) for place, text in found if not REMEDY.search(re.split(r'; |\? ', text)[-1])]
+def test_every_error_message_ends_with_an_instruction_or_an_expectation():
+    errors_found = list(messages())
+    assert len(errors_found) > 150
+    assert not [(place, text) for place, text in errors_found if not REMEDY.search(re.split(r'; |\? ', text)[-1])]

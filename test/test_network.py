@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who can arm the motor over a network: programs in two network namespaces, as on two machines joined by a cable."""
+"""Arming over a network: programs in two network namespaces, as on two connected machines."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 NAMES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
 PROFILE = dict.fromkeys(NAMES, str(ROOT / 'config' / 'this_machine.xml'))
 NO_PROFILE = dict.fromkeys(NAMES, '')
-#: Arms the bridge, and says so, or that it found none within some time [s].
+#: Arms the bridge; prints the answer, or that no bridge was found within some time [s].
 ARM = """
 import sys
 import rclpy
@@ -36,7 +36,7 @@ print(future.result().message if future.done() else 'no answer', flush=True)
 
 @pytest.fixture
 def machines():
-    """Two network namespaces; gives what stands before a command to run it in the rig's, and in the other one."""
+    """Two network namespaces; yields the command prefixes for the rig's and for the other one."""
     rig, other = (f'pendubot{os.getpid()}{letter}' for letter in 'ab')
     plan = [
         *(f'netns add {name}' for name in (rig, other)),
@@ -53,7 +53,7 @@ def machines():
             pytest.skip('no program ip: install iproute2')
         except subprocess.CalledProcessError as error:
             pytest.skip(f'no right to make network namespaces: {error.stderr.strip()}')
-        # Fast DDS takes no interface that comes up later.
+        # Fast DDS ignores interfaces that come up later.
         for name in (rig, other):
             deadline = time.monotonic() + 10.0
             show = ['ip', '-n', name, 'link', 'show', 'eth0', 'up']
@@ -65,8 +65,8 @@ def machines():
             subprocess.run(['ip', 'netns', 'delete', name], capture_output=True, check=False)
 
 
-def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(machines, tmp_path):
-    """Whatever the range: without a profile LOCALHOST keeps out nobody who names this machine."""
+def test_the_profile_prevents_arming_from_another_machine_and_permits_it_on_this_one(machines, tmp_path):
+    """The profile works for any range; without it LOCALHOST does not exclude a machine with a static peer."""
     rig, other = machines
     script = tmp_path / 'arm.py'
     script.write_text(ARM)
@@ -89,7 +89,7 @@ def test_the_profile_keeps_another_machine_from_arming_and_nobody_on_this_one(ma
 
         outsider = {'ROS_STATIC_PEERS': '10.99.0.1', RANGE: 'SUBNET'}
         with bridge('LOCALHOST', NO_PROFILE):
-            assert answer(other, 30, **outsider) == 'armed', 'the attack does not work, so that the rest shows nothing'
+            assert answer(other, 30, **outsider) == 'armed', 'the attack must work without the profile'
         with bridge('SUBNET', PROFILE) as kept:
             assert answer(other, 5, **outsider) == 'found no bridge'
             assert 'arming' not in kept.output

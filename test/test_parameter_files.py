@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Parameter files, against what rclpy itself takes from them."""
+"""The check of parameter files, compared with rclpy's own reading of them."""
 
 import pytest
 
@@ -16,7 +16,7 @@ NAMES = [
 
 
 def takes(rclpy, file, namespace):
-    """Whether a node named bridge in this namespace takes the file's parameter."""
+    """Return whether a node named bridge in this namespace reads the file's parameter."""
     arguments = ['--ros-args', '--params-file', str(file), '-r', f'__ns:={namespace}']
     context = rclpy.Context()
     rclpy.init(context=context, args=['bridge', *arguments])
@@ -28,7 +28,7 @@ def takes(rclpy, file, namespace):
         context.try_shutdown()
 
 
-def test_refuses_a_file_from_which_rclpy_takes_nothing(ros, tmp_path):
+def test_exactly_the_files_from_which_rclpy_reads_no_parameter_are_refused(ros, tmp_path):
     file = tmp_path / 'mine.yaml'
     for name in NAMES:
         file.write_text(f'{name}: {{ros__parameters: {{port: /nowhere}}}}' + '}' * name.count('{'))

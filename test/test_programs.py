@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The programs as they are started: without ROS, with a reader that leaves, and with a parent that ends."""
+"""The start and the end of programs: without ROS, with a closed output, and with a parent that ends."""
 
 import csv
 import os
@@ -19,7 +19,7 @@ from test.processes import Program
 
 CHILD = """
 import sys
-# Named so, a module is not found.
+# A None entry makes the import of a module fail.
 sys.modules.update(dict.fromkeys(sys.argv.pop(1).split()))
 from pendubot_identification import programs
 sys.exit(getattr(programs, sys.argv.pop(1))())
@@ -27,7 +27,7 @@ sys.exit(getattr(programs, sys.argv.pop(1))())
 
 
 def run(missing, *words, stdout=subprocess.PIPE, **env):
-    """Run a program where some modules are missing."""
+    """Run a program without some modules."""
     command = [sys.executable, '-c', CHILD, missing, *words]
     return subprocess.run(
         command, stdout=stdout, stderr=subprocess.PIPE, text=True, env={**os.environ, **env}, timeout=60
@@ -38,7 +38,7 @@ def run(missing, *words, stdout=subprocess.PIPE, **env):
     ('program', 'missing'),
     [('bridge', 'rclpy'), ('exciter', 'rclpy diagnostic_msgs std_msgs rcl_interfaces sensor_msgs std_srvs')],
 )
-def test_a_node_without_ros_says_so_in_a_sentence(program, missing):
+def test_a_node_without_ros_ends_with_one_sentence(program, missing):
     ended = run(missing, program)
     assert ended.returncode == 1
     (sentence,) = ended.stderr.splitlines()
@@ -47,17 +47,17 @@ def test_a_node_without_ros_says_so_in_a_sentence(program, missing):
     assert "pip install '.[ros]'" in sentence
 
 
-def test_the_studio_without_its_server_says_what_to_install():
+def test_the_studio_without_aiohttp_names_the_package_to_install():
     ended = run('aiohttp', 'pendubot', 'studio')
     assert ended.returncode == 1
     assert ended.stderr == ('pendubot: aiohttp cannot be imported, and the studio needs aiohttp: pip install aiohttp\n')
 
 
-def test_what_is_wrong_with_the_package_itself_is_not_blamed_on_ros():
+def test_a_failed_import_of_the_package_itself_is_not_attributed_to_ros():
     missing = 'pendubot_identification.nodes.runtime'
-    said = run(missing, 'bridge').stderr
-    assert 'Traceback' in said
-    assert missing in said
+    errors = run(missing, 'bridge').stderr
+    assert 'Traceback' in errors
+    assert missing in errors
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_what_is_wrong_with_the_package_itself_is_not_blamed_on_ros():
         ('', ('pendubot', 'info', ROOT / 'bags' / 'paper_experiment')),
     ],
 )
-def test_a_reader_that_has_seen_enough_is_no_failure(unbuffered, words):
-    """As head does, in the middle of what is written or before it is flushed at the end."""
+def test_an_output_closed_by_its_reader_is_no_failure(unbuffered, words):
+    """Like head: during the output, or before the final flush."""
     reads, writes = os.pipe()
     os.close(reads)
     # The virtual board needs no ROS.
@@ -81,7 +81,7 @@ def test_a_reader_that_has_seen_enough_is_no_failure(unbuffered, words):
     assert (ended.returncode, ended.stderr) == (0, '')
 
 
-#: Starts a program from a thread, which ends, and waits for it.
+#: Starts a program from a thread that ends, and waits for the program.
 PARENT = """
 import subprocess, sys, threading
 children = []
@@ -95,7 +95,7 @@ children[0].wait()
 
 @pytest.fixture
 def parent(tmp_path):
-    """Starts a virtual board as the child of another program; gives that program and a descriptor of the board."""
+    """Starts a virtual board as the child of another program; returns that program and the board's pidfd."""
     board = None
 
     def start(*, before=(), env=None):
@@ -114,15 +114,15 @@ def parent(tmp_path):
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
-def test_a_program_ends_in_order_when_its_parent_ends(parent, tmp_path, number):
-    """The end of the thread that started it is no such end: the program has begun to work after that."""
+def test_a_program_ends_cleanly_when_its_parent_ends(parent, tmp_path, number):
+    """The end of the thread that started it does not end the program."""
     program, board = parent()
     program.stop(number)
     assert select.select([board], [], [], 10.0)[0]
-    assert not (tmp_path / 'board').is_symlink(), 'it was killed'
+    assert not (tmp_path / 'board').is_symlink(), 'the program was killed'
 
 
-def test_a_program_that_was_started_by_nohup_outlives_its_parent_and_terminal(parent, tmp_path):
+def test_a_program_started_with_nohup_outlives_its_parent_and_terminal(parent, tmp_path):
     program, board = parent(before=('nohup',))
     program.kill()
     signal.pidfd_send_signal(board, signal.SIGHUP)
@@ -142,7 +142,7 @@ def test_a_program_of_a_launch_file_ends_with_launch_even_with_nohup_and_another
         assert select.select([board], [], [], 10.0)[0]
 
 
-def test_a_program_whose_launch_ended_before_it_began_does_nothing(tmp_path):
+def test_a_program_whose_launch_has_already_ended_stops_at_once(tmp_path):
     launch = subprocess.Popen(['true'])
     launch.wait()
     ended = run('', 'virtual_board', '--trace', tmp_path / 'trace.csv', **{LAUNCH: str(launch.pid)})

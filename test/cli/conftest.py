@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One folder with what most subcommands take."""
+"""A folder with the inputs of most subcommands."""
 
 import os
 import shutil
@@ -16,9 +16,9 @@ FAST = (*PAPERS, '--optimizer', 'lsq')
 
 
 @pytest.fixture(scope='session')
-def made(tmp_path_factory):
+def inputs(tmp_path_factory):
     """A folder with the sample bag as swing, its result and report as in the paper, and a simulated bag, sim."""
-    folder = tmp_path_factory.mktemp('made')
+    folder = tmp_path_factory.mktemp('inputs')
     shutil.copytree(ROOT / 'bags' / 'paper_experiment', folder / 'swing')
     before = os.getcwd()
     os.chdir(folder)
@@ -29,12 +29,12 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def there(made, monkeypatch):
-    """The same, entered."""
-    monkeypatch.chdir(made)
-    return made
+def in_inputs(inputs, monkeypatch):
+    """The same folder as the working directory."""
+    monkeypatch.chdir(inputs)
+    return inputs
 
 
 def contents(folder):
-    """All files of a folder and what is in them."""
+    """Return the contents of all files below a folder, by path."""
     return {path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The subcommands that write bags or describe one: import, simulate, info and repair."""
+"""The subcommands for bags: import, simulate, info and repair."""
 
 import json
 import re
@@ -46,8 +46,8 @@ def test_a_CSV_file_becomes_a_bag_and_force_replaces_one(run, tmp_path):
 
 
 @pytest.mark.parametrize('rig', [PAPER, replace(PAPER, Fc1=0.004), GEARED])
-def test_the_rig_is_the_papers_or_that_of_a_result(run, tmp_path, rig):
-    """Parameters by hand need not name what is 0."""
+def test_simulate_uses_the_papers_rig_or_the_parameters_of_a_result(run, tmp_path, rig):
+    """A file written by hand may omit zero parameters."""
     values = {name: {'value': value} for name, value in asdict(rig).items() if value}
     (tmp_path / 'rig.yaml').write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
     options = () if rig == PAPER else ('--parameters', 'rig.yaml')
@@ -57,7 +57,7 @@ def test_the_rig_is_the_papers_or_that_of_a_result(run, tmp_path, rig):
     motion = read_trajectory(tmp_path / 'a/bag').trajectory
     np.testing.assert_allclose(motion.q, simulate(rig, np.arange(150) / 100, motion.tau).q, atol=1e-9)
     first, second = (next(tmp_path.glob(f'{name}/bag/*.mcap')) for name in 'ab')
-    assert first.read_bytes() == second.read_bytes(), 'the same options'
+    assert first.read_bytes() == second.read_bytes(), 'the same options must give the same bag'
 
 
 def test_irregular_and_missing_messages_are_counted(run, tmp_path):
@@ -66,7 +66,7 @@ def test_irregular_and_missing_messages_are_counted(run, tmp_path):
         for k in range(100):
             if k in (40, 41):
                 continue
-            # Stamped 3 ms before it is received; one stamp repeats, one runs back.
+            # Timestamps 3 ms before reception; one is repeated, one runs backwards.
             stamp = START + {70: 69, 80: 60}.get(k, k) * 10_000_000
             data = encode_joint_state(stamp, ('a', 'b'), [0, 0], [], [0, 0])
             bag.write(channel, data, START + k * 10_000_000 + 3_000_000, sequence=k + 1)
@@ -79,7 +79,7 @@ def test_irregular_and_missing_messages_are_counted(run, tmp_path):
 
 
 def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
-    """Without its end, and with a byte changed in the middle."""
+    """The bag lacks its end, and one byte is changed."""
     sent = damage.write(tmp_path / 'swing', closed=False)
     file = tmp_path / 'swing' / 'swing_0.mcap'
     damage.flip(file, file.read_bytes().index(sent[200][2]) + 20)
@@ -89,25 +89,24 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     bag = BagReader(tmp_path / 'swing_repaired')
     assert (bag.closed, bag.count) == (True, len(by_mcap(tmp_path / 'swing_repaired')))
     assert damage.COUNT - 11 <= bag.count < damage.COUNT
-    told = json.loads(run('repair', 'swing', '--output', 'whole', '--json')[1])
-    (saved,) = told['files']
-    assert (told['output'], told['whole'], saved['closed']) == ('whole', False, False)
+    summary = json.loads(run('repair', 'swing', '--output', 'whole', '--json')[1])
+    (saved,) = summary['files']
+    assert (summary['output'], summary['whole'], saved['closed']) == ('whole', False, False)
     assert sum(saved['saved'].values()) + sum(saved['missing'].values()) == damage.COUNT
     assert [set(place) for place in saved['damaged']] == [{'offset', 'size'}]
     assert contents(tmp_path / 'swing') == before
     assert run('repair', 'swing/swing_0.mcap')[0] == 0
-    assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').closed, 'of a single file, beside it'
+    assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').closed, 'the copy of a single file must be beside it'
 
 
 @pytest.mark.parametrize(
     ('command', 'name'), [('import {}/run.csv', 'earlier'), ('simulate', 'new'), ('repair {}/sim', 'earlier')]
 )
-def test_where_a_disk_is_full_no_bag_is_left_and_an_earlier_one_as_it_was(made, tmp_path, command, name):
-    """A limit on a file's size refuses a write as a full disk does."""
+def test_on_a_full_disk_no_bag_is_left_and_an_earlier_one_is_unchanged(inputs, tmp_path, command, name):
     rows = (f'{0.01 * k},{np.sin(k)},{np.cos(k)},{np.sin(k)}' for k in range(2000))
     (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
-    before = contents(shutil.copytree(made / 'sim', tmp_path / 'earlier'))
-    words = command.format(tmp_path if 'csv' in command else made).split()
+    before = contents(shutil.copytree(inputs / 'sim', tmp_path / 'earlier'))
+    words = command.format(tmp_path if 'csv' in command else inputs).split()
     ended = run_program('pendubot', *words, '--output', tmp_path / name, '--force', file_limit=100_000)
     assert (ended.returncode, ended.stdout) == (1, '')
     assert re.fullmatch(rf'pendubot: {tmp_path / name} is not written: .*\n', ended.stderr)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The demonstration is alone, ends what it started, and says at once what went wrong."""
+"""The demonstration: isolation from other ROS programs, failures, and its end."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from pendubot_identification.cli.demo import Programs
 from pendubot_identification.errors import PendubotError
 from test.processes import Program
 
-#: The variables of another domain that other machines reach.
+#: Variables of another domain that is reachable from other machines.
 ELSEWHERE = {
     'ROS_DOMAIN_ID': '77',
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
@@ -25,7 +25,7 @@ ELSEWHERE = {
     'ROS_LOCALHOST_ONLY': '0',
     'FASTDDS_DEFAULT_PROFILES_FILE': '/nowhere.xml',
 }
-#: Takes one of some domains, and says whether an exported one might have been taken, that of ROS, and its variables.
+#: Takes one of some domains; prints whether the exported one was offered, the domain in use, and the variables.
 OWN = """
 import json, os, random, sys
 from pendubot_identification.cli.demo import own_ros
@@ -37,14 +37,14 @@ with own_ros() as (rclpy, domain):
 
 
 def own(*domains):
-    """Let a process of its own take one of some domains."""
+    """Take one of some domains in a new process."""
     command = [sys.executable, '-c', OWN, *map(str, domains)]
     return subprocess.run(command, env={**os.environ, **ELSEWHERE}, capture_output=True, text=True, timeout=60)
 
 
 @pytest.mark.ros
 @pytest.mark.usefixtures('ros')
-def test_the_demo_is_alone_on_this_computer():
+def test_the_demo_uses_a_free_domain_that_only_this_computer_reaches():
     taken = int(os.environ['ROS_DOMAIN_ID'])
     refused = own(taken)
     assert refused.returncode == 1
@@ -56,8 +56,7 @@ def test_the_demo_is_alone_on_this_computer():
     assert not {*ELSEWHERE} & {*variables} - {'ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'}
 
 
-def test_a_program_that_ends_early_is_named_with_its_last_words(tmp_path):
-    """Whichever is waited for."""
+def test_a_program_that_ends_early_is_named_with_its_error_message(tmp_path):
     with Programs(tmp_path) as programs:
         board = programs.start('virtual_board', '--link', tmp_path / 'board')
         programs.wait(board, (tmp_path / 'board').exists, 'opened no port')
@@ -68,7 +67,7 @@ def test_a_program_that_ends_early_is_named_with_its_last_words(tmp_path):
 
 
 @pytest.mark.ros
-def test_sigterm_ends_all_that_was_started_and_keeps_the_bag(tmp_path):
+def test_sigterm_ends_every_program_of_the_demo_and_keeps_the_bag(tmp_path):
     folder = tmp_path / 'demo'
     bag = folder / 'paper_experiment'
     with Program('pendubot', 'demo', '--output', folder) as demo:
@@ -84,4 +83,4 @@ def test_sigterm_ends_all_that_was_started_and_keeps_the_bag(tmp_path):
         demo.wait_for(f'the recordings so far are kept in {folder}')
         demo.wait_for('pendubot: interrupted')
     assert 'Error' not in demo.output
-    assert (bag / 'metadata.yaml').exists(), 'it is closed'
+    assert (bag / 'metadata.yaml').exists(), 'the bag is not closed'

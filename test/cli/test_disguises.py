@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""One recording in many disguises: identified as from its bag by following what the program says, and by itself."""
+"""One recording in many formats and conventions: following the messages gives the parameters of the original."""
 
 import json
 import re
@@ -59,7 +59,7 @@ def matlab_73(file, columns):
 
 
 def with_missing_rows(file, columns):
-    """Rows that a logger wrote when nothing had come."""
+    """Write rows without values, as a logger does without data."""
     as_text(file, columns)
     lines = file.read_text().splitlines()
     for k, row in ((700, ',,,'), (300, '{t},nan,NaN,nan'), (10, '#N/A,#N/A,#N/A,#N/A')):
@@ -68,12 +68,12 @@ def with_missing_rows(file, columns):
 
 
 def named(*names, **how):
-    """Write text with other names of its columns."""
+    """Return a function that writes text with these column names."""
     return lambda file, columns: as_text(file, columns, header=list(names), **how)
 
 
 def lines_above(*lines, names=True):
-    """Write text below other lines, in place of its names or above them."""
+    """Return a function that writes text below other lines, with or without column names."""
 
     def write(file, columns):
         as_text(file, columns, header=names)
@@ -94,7 +94,7 @@ def second_sheet(file, columns):
 
 
 def sheet_with_a_title(file, columns):
-    """The second sheet, with a title above the names and units below them."""
+    """Write a second sheet with a title above the names and units below them."""
     book = openpyxl.Workbook()
     book.active.append(['Protokoll'])
     sheet = book.create_sheet('Messung 1')
@@ -104,7 +104,7 @@ def sheet_with_a_title(file, columns):
 
 
 def octave(file, columns):
-    """As Octave's save -text writes column vectors."""
+    """Write column vectors like Octave's save -text."""
     text = '# Created by Octave 8.4.0, Mon Nov 23 10:00:00 2026 UTC <lab@rig>\n'
     for name, values in columns.items():
         rows = '\n'.join(f' {value!r}' for value in values.tolist())
@@ -113,7 +113,7 @@ def octave(file, columns):
 
 
 def repeated(file, columns):
-    """Write some rows twice, as a logger does that is faster than the rig."""
+    """Write some rows twice, like a logger that is faster than the rig."""
     rows = np.sort([*range(900), 17, 300, 301])
     as_text(file, {name: values[rows] for name, values in columns.items()})
 
@@ -127,8 +127,8 @@ UNITS = 'ms', 'deg', 'deg', 'mNm'
 DEGREES = {'q1': lambda c: np.degrees(c['q1']), 'q2': lambda c: np.degrees(c['q2'])}
 ALL_UNITS = DEGREES | {'t': lambda c: 1000 * c['t'], 'tau1': lambda c: 1000 * c['tau1']}
 HANGING = {'q1': lambda c: np.degrees(c['q1'] + np.pi / 2), 'q2': lambda c: np.degrees(c['q2'])}
-#: How the file is made, what is done to its columns before, and the options that the program names.
-DISGUISES = {
+#: By file name: function that writes the file, changes of the columns, and the options that the messages name.
+VARIANTS = {
     'matrices.mat': (lambda file, c: scipy.io.savemat(file, stacked(c), oned_as='row'), {}, []),
     'struct.mat': (matlab_struct, {}, []),
     'version 7.3.mat': (matlab_73, {}, []),
@@ -205,7 +205,7 @@ def columns():
 
 @pytest.fixture
 def identified(run):
-    """Identifies; returns the result, or, where that is refused, the sentence."""
+    """Identifies a file; returns the result or the message of the refusal."""
 
     def identified(file, *options):
         status, out, err = run('identify', file, *QUICK, *options)
@@ -217,36 +217,36 @@ def identified(run):
 
 @pytest.fixture
 def lab(columns, tmp_path, monkeypatch):
-    """A folder with a file in the ways of a lab, entered."""
+    """The working directory, with a file in the conventions of a lab."""
     monkeypatch.chdir(tmp_path)
-    change = {name: made(columns) for name, made in HANGING.items()}
+    change = {name: convert(columns) for name, convert in HANGING.items()}
     as_text(tmp_path / 'run.csv', columns | change, header=['time', 'a', 'b', 'u'])
 
 
 LABS = ('--columns', 't=time,q1=a,q2=b,tau1=u', '--degrees', '--zero', 'hanging')
 
 
-def test_how_a_lab_records_is_said_once(lab, run, identified, expected):
+def test_a_labs_conventions_are_saved_in_a_settings_file(lab, run, identified, expected):
     assert run('identify', 'run.csv', *LABS, *QUICK, '--save-settings', 'lab.yaml')[0] == 0
-    assert run('identify', 'run.csv', *LABS, *QUICK, '--save-settings', 'lab.yaml')[0] == 1, 'nothing is overwritten'
+    assert run('identify', 'run.csv', *LABS, *QUICK, '--save-settings', 'lab.yaml')[0] == 1, 'file was overwritten'
     np.testing.assert_allclose(theta(identified('run.csv', '--settings', 'lab.yaml')), expected, rtol=1e-6)
     assert run('import', 'run.csv', '--output', 'bag', '--settings', 'lab.yaml')[0] == 0
-    # A bag is read in other ways, too, and what is typed counts for more than what was kept.
+    # Options also apply to bags, and are added to saved settings.
     bag = identified('bag', '--negate', 'q2')
     table = identified('run.csv', '--settings=lab.yaml', '--negate=q2')
     np.testing.assert_allclose(theta(bag), theta(table), rtol=1e-6)
 
 
-def test_a_result_keeps_how_its_recordings_were_read(lab, run):
+def test_a_result_serves_as_settings_file_for_its_recordings(lab, run):
     assert run('identify', 'run.csv', *LABS[:2], '--apply-remedies', '--output', 'result.yaml', *QUICK)[0] == 0
-    assert run('report', 'result.yaml')[2] == '', 'nothing is left out'
+    assert run('report', 'result.yaml')[2] == '', 'the report must be complete'
     same = ('--settings', 'result.yaml')
     assert run('compare', 'result.yaml', 'result_report/result.yaml', '--on', 'run.csv', *same)[0] == 0
     kept = run('identify', 'run.csv', *same, *QUICK)
     assert json.loads(kept[1])['reading']['zero'] == 'hanging'
 
 
-def test_what_is_taken_of_a_file_is_said(lab, run):
+def test_info_shows_columns_rate_and_conversion_of_a_file(lab, run):
     found = json.loads(run('info', 'run.csv', *LABS[:2], '--json')[1])
     assert found['columns'] == {'t': 'time', 'q1': 'a', 'q2': 'b', 'tau1': 'u'}
     assert (found['samples'], round(found['rate'], 1), found['gaps']) == (900, 100.0, 0)
@@ -261,7 +261,7 @@ def theta(result):
 
 @pytest.fixture(scope='module')
 def expected(columns):
-    """Parameters from the motion in memory."""
+    """Parameters identified from the motion in memory."""
     motion = Trajectory(
         columns['t'],
         np.column_stack([columns['q1'], columns['q2']]),
@@ -272,23 +272,23 @@ def expected(columns):
 
 
 def options_named(sentence):
-    """The options that a message tells to add, each with its value."""
+    """Return the options that a message recommends, each with its value."""
     value = r"(?: (?:'[^']*'|(?!--)[^\s;,:]+(?:,[^\s;,]+)*))?"
-    told = re.search(rf'(?:add|with) ((?:--[a-z-]+{value} ?)+)', ' '.join(sentence.split()))
-    return [words.split(' ', 1) for words in re.split(r' (?=--)', told[1].strip() if told else '') if words]
+    advice = re.search(rf'(?:add|with) ((?:--[a-z-]+{value} ?)+)', ' '.join(sentence.split()))
+    return [words.split(' ', 1) for words in re.split(r' (?=--)', advice[1].strip() if advice else '') if words]
 
 
-@pytest.mark.parametrize('name', DISGUISES)
-def test_messages_alone_lead_to_the_same_parameters(columns, identified, expected, tmp_path, name):
-    write, change, named = DISGUISES[name]
-    write(tmp_path / name, columns | {each: made(columns) for each, made in change.items()})
+@pytest.mark.parametrize('name', VARIANTS)
+def test_following_the_messages_gives_the_same_parameters(columns, identified, expected, tmp_path, name):
+    write, change, named = VARIANTS[name]
+    write(tmp_path / name, columns | {each: convert(columns) for each, convert in change.items()})
     found = identified(tmp_path / name)
     options = {}
     while isinstance(found, str) or found['level'] == 'ERROR':
-        said = found if isinstance(found, str) else found['warnings'][0]
-        added = {words[0]: words for words in options_named(said)}
-        assert added, said
-        assert options != options | added, said
+        message = found if isinstance(found, str) else found['warnings'][0]
+        added = {words[0]: words for words in options_named(message)}
+        assert added, message
+        assert options != options | added, message
         options |= added
         found = identified(tmp_path / name, *shlex.split(' '.join(word for each in options.values() for word in each)))
     np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
@@ -298,14 +298,14 @@ def test_messages_alone_lead_to_the_same_parameters(columns, identified, expecte
         np.testing.assert_allclose(theta(found), expected, rtol=1e-6)
     assert sorted(found['made_by']['applied']) == sorted(named)
     assert len({*found['warnings']}) == len(found['warnings'])
-    assert any('applied corrections of the recordings' in said for said in found['warnings']) == bool(named)
+    assert any('applied corrections of the recordings' in warning for warning in found['warnings']) == bool(named)
 
 
-def test_a_fault_is_named_where_no_filter_follows_and_a_rest_by_its_time(run, tmp_path):
-    (made,) = record([11], [Rig()], seconds=6.0)
-    from_hanging, resting = np.add(made.q, [np.pi / 2, 0]), np.where(made.t[:, None] < 3, [-np.pi / 2, 0], made.q)
+def test_a_wrong_zero_that_stops_the_filter_is_named_and_a_rest_is_located(run, tmp_path):
+    (motion,) = record([11], [Rig()], seconds=6.0)
+    from_hanging, resting = np.add(motion.q, [np.pi / 2, 0]), np.where(motion.t[:, None] < 3, [-np.pi / 2, 0], motion.q)
     for name, q in (('hanging.csv', from_hanging), ('resting.csv', resting)):
-        as_text(tmp_path / name, {'t': made.t, 'q1': q[:, 0], 'q2': q[:, 1], 'tau1': made.tau})
+        as_text(tmp_path / name, {'t': motion.t, 'q1': q[:, 0], 'q2': q[:, 1], 'tau1': motion.tau})
     status, _, err = run('identify', tmp_path / 'hanging.csv')
     assert (status, 'add --zero hanging' in err) == (1, True)
     assert run('identify', tmp_path / 'hanging.csv', '--apply-remedies')[0] == 0

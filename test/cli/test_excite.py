@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""pendubot excite from outside."""
+"""The subcommand excite."""
 
 import re
 
@@ -16,7 +16,7 @@ from test.identified import plain, write
 QUICK = ('--torque', '1', '--speed', '20', '--duration', '2')
 
 
-def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, run):
+def test_a_design_is_shown_and_written_as_a_parameter_file_of_the_exciter(tmp_path, run):
     result, output = tmp_path / 'result.yaml', tmp_path / 'exciter.yaml'
     write(result, plain(('weak',)))
     status, shown, _ = run('excite', '--design', *QUICK, '--from', result, '--output', output)
@@ -29,7 +29,7 @@ def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, run):
 
     status, checked, _ = run('excite', '--check', output, '--from', result, '--torque', '1')
     assert status == 0
-    assert checked.splitlines()[:2] == shown.splitlines()[:2], 'what is written is what was simulated'
+    assert checked.splitlines()[:2] == shown.splitlines()[:2], 'the file must contain the simulated design'
 
     assert run('simulate', '--output', tmp_path / 'bag', '--samples', '200', '--excitation', output)[0] == 0
     train, duration = read_exciter(output)
@@ -38,24 +38,24 @@ def test_a_design_is_shown_and_written_as_the_exciters_file(tmp_path, run):
     np.testing.assert_array_equal(recorded.tau[:, 0], train.torques(np.arange(200) / 100))
 
 
-def test_what_is_checked_is_held_against_the_limits_that_are_given(tmp_path, run):
-    """The paper's pulses, 1 N m: each limit is said that is exceeded, and nothing else changes by it."""
+def test_check_names_exactly_the_exceeded_limits(tmp_path, run):
+    """The paper's pulses reach 1 N m; limits do not change the rest of the output."""
     file, never = ROOT / 'config' / 'exciter.yaml', tmp_path / 'never.yaml'
 
     def check(*limits):
         return run('excite', '--check', file, *limits)
 
-    status, shown, said = check()
-    assert (status, said) == (0, '')
+    status, shown, err = check()
+    assert (status, err) == (0, '')
     assert check('--torque', '1', '--speed', '1000', '--angle', '1000', '1000') == (0, shown, '')
-    status, out, said = check('--torque', '0.5', '--output', never)
+    status, out, err = check('--torque', '0.5', '--output', never)
     assert (status, out) == (1, shown)
-    assert 'exceeds the limits: torque up to 1 N m, limit 0.5 N m; use smaller' in said
+    assert 'exceeds the limits: torque up to 1 N m, limit 0.5 N m; use smaller' in err
     assert not never.exists()
-    said = check('--speed', '0.25', '--angle', '0.125', '1000')[2]
-    assert re.findall(r'(\w+ of the \w+) up to [.\d]+ \S+, limit ([.\d]+) ', said) == [
+    err = check('--speed', '0.25', '--angle', '0.125', '1000')[2]
+    assert re.findall(r'(\w+ of the \w+) up to [.\d]+ \S+, limit ([.\d]+) ', err) == [
         ('speed of the shoulder', '0.25'),
         ('speed of the elbow', '0.25'),
         ('angle of the shoulder', '0.125'),
     ]
-    assert 'torque up' not in said
+    assert 'torque up' not in err

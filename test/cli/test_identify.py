@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""pendubot identify from outside: what is printed, what is written, and the exit status."""
+"""The subcommand identify: output, files and exit status."""
 
 import json
 
@@ -17,74 +17,74 @@ SEVEN = NAMES[:7]
 WEAK = ('--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--hold', 'zero')
 
 
-def test_the_papers_way(made):
-    """1800 samples at 100 Hz; every one of ten runs of MDE reaches the exact minimum."""
-    result = yaml.safe_load((made / 'result.yaml').read_text())
+def test_mde_and_the_energy_criterion_reproduce_the_papers_method(inputs):
+    """Each of ten runs of MDE reaches the exact minimum of the 1800 samples."""
+    result = yaml.safe_load((inputs / 'result.yaml').read_text())
     assert (result['criterion'], result['model'], list(result['criteria'])) == ('energy', 'viscous', ['energy'])
     assert [b['samples'] for b in result['bags']] == [900, 900]
-    how = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
-    assert result['criteria']['energy']['mde'] == how
+    mde = {'runs': 10, 'population': 30, 'generations': 4000, 'per_component': True, 'spread': 1e-9}
+    assert result['criteria']['energy']['mde'] == mde
     assert max(result['J']['training_runs']) <= result['J']['least_squares'] * (1 + 1e-6)
     np.testing.assert_allclose(result['parameters']['P4']['value'], PAPER.P4, rtol=0.1)
 
 
-def test_by_default_the_likelihood_is_published_beside_the_papers_answer(run, made, tmp_path):
+def test_by_default_the_likelihood_is_selected_and_the_papers_estimate_is_kept(run, inputs, tmp_path):
     output = tmp_path / 'result.yaml'
-    status, out, err = run('identify', made / 'swing', '--output', output)
-    assert (status, err) == (0, ''), 'no progress where nobody watches'
+    status, out, err = run('identify', inputs / 'swing', '--output', output)
+    assert (status, err) == (0, ''), 'no progress without a terminal'
     result = yaml.safe_load(output.read_text())
     assert list(result['criteria']) == ['energy', 'likelihood']
     assert (result['criterion'], result['model'], result['level']) == ('likelihood', 'viscous', 'OK')
     theta = [result['parameters'][name]['value'] for name in SEVEN]
     np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)
-    papers = yaml.safe_load((made / 'result.yaml').read_text())['parameters']
-    assert result['criteria']['energy']['parameters'] == papers, 'as where energy alone was asked for'
+    papers = yaml.safe_load((inputs / 'result.yaml').read_text())['parameters']
+    assert result['criteria']['energy']['parameters'] == papers, 'a second criterion must not change the first'
     assert all(f'\n{name} [' in out for name in SEVEN)
     assert out.rstrip().endswith(f'written to {output}')
 
 
-def test_options_arrive_from_the_line_and_from_a_file_and_json_is_the_result_alone(run, made, tmp_path):
-    """The line counts for more; names in the file may have _ or YAML's types, as its writer likes."""
+def test_options_come_from_the_line_and_a_settings_file_and_json_prints_the_result_alone(run, inputs, tmp_path):
+    """The line takes precedence; the file may have names with _ or - and values of any YAML type."""
     lab = {'hold': 'zero', 'smoothing': 0.03, 'runs': 3, 'generations': '400', 'per-vector': True, 'sliding': 0.3}
     (tmp_path / 'lab.yaml').write_text(yaml.safe_dump(lab))
     options = {'criterion': 'weak,energy', 'hold': 'linear', 'delay': '-0.02:0.004', 'link-length': 0.3, 'seed': 4}
     options |= {'link-mass': 0.3, 'model': 'viscous', 'settings': tmp_path / 'lab.yaml'}
     words = [f'--{name}={value}' for name, value in options.items()]
-    command = ('identify', made / 'swing', *words, '--bounds', 'P1=0:0.5', '--bounds=P2=0:0.25', '--json')
+    command = ('identify', inputs / 'swing', *words, '--bounds', 'P1=0:0.5', '--bounds=P2=0:0.25', '--json')
     status, out, err = run(*command)
     assert (status, err) == (0, '')
     result = json.loads(out)
-    asked = {'criteria': ['weak', 'energy'], 'hold': 'linear', 'delays': [-0.02, 0.004], 'link_length': 0.3, 'seed': 4}
-    asked |= {'model': 'viscous', 'smoothing': 0.03, 'sliding_window': 0.3, 'optimizer': 'auto', 'start': None}
-    asked |= {'link_mass': 0.3}
-    assert result['made_by'].items() >= asked.items()
+    used = {'criteria': ['weak', 'energy'], 'hold': 'linear', 'delays': [-0.02, 0.004], 'link_length': 0.3, 'seed': 4}
+    used |= {'model': 'viscous', 'smoothing': 0.03, 'sliding_window': 0.3, 'optimizer': 'auto', 'start': None}
+    used |= {'link_mass': 0.3}
+    assert result['made_by'].items() >= used.items()
     assert result['made_by']['upper_bounds'][:2] == [0.5, 0.25]
     mde = {'runs': 3, 'generations': 400, 'per_component': False}
     assert result['criteria']['energy']['mde'].items() >= mde.items()
     assert any('as on a link 1 of 0.03' in warning for warning in result['warnings'])
-    assert run(*command)[1] == out, 'same seed, same result'
+    assert run(*command)[1] == out, 'the same seed must give the same result'
     assert run(*command, '--fail-on', 'warn')[0] == 3
 
 
 @pytest.mark.parametrize(('criterion', 'tolerance'), [('energy', 1e-4), ('weak', 0.05), ('likelihood', 1e-3)])
-def test_a_parameter_is_held_at_a_value_and_the_others_are_the_best_beside_it(run, made, criterion, tolerance):
-    """Held where they are best, nothing moves, but for the weights of weak; the likelihood may start elsewhere."""
-    command = ('identify', f'{made / "swing"}@0:4', '--criterion', criterion, '--model', 'viscous', '--hold', 'zero')
+def test_a_parameter_is_fixed_at_a_value_and_the_others_are_optimal(run, inputs, criterion, tolerance):
+    """Parameters fixed at their optimum do not change the others, except through the weights of weak."""
+    command = ('identify', f'{inputs / "swing"}@0:4', '--criterion', criterion, '--model', 'viscous', '--hold', 'zero')
     command += ('--json',) if criterion == 'energy' else ('--json', '--delay', '0')
 
     def identified(*options):
         return json.loads(run(*command, *options)[1])
 
     best = {name: entry['value'] for name, entry in identified('--optimizer', 'lsq')['parameters'].items()}
-    start = ('--start', made / 'result.yaml') if criterion == 'likelihood' else ()
-    held = identified('--fix', f'P3={best["P3"]!r}', '--fix', f'b2={best["b2"]!r}', *start)
-    for name, entry in held['parameters'].items():
+    start = ('--start', inputs / 'result.yaml') if criterion == 'likelihood' else ()
+    fixed = identified('--fix', f'P3={best["P3"]!r}', '--fix', f'b2={best["b2"]!r}', *start)
+    for name, entry in fixed['parameters'].items():
         assert entry['fixed'] == (name in ('P3', 'b2'))
         assert entry['value'] == pytest.approx(best[name], rel=1e-12 if entry['fixed'] else tolerance)
         assert (entry['std_error'] == 0, entry['on_bound']) == (entry['fixed'], False)
     if start:
-        papers = yaml.safe_load((made / 'result.yaml').read_text())['parameters']
-        assert held['made_by']['start'][:7] == [papers[name]['value'] for name in SEVEN]
+        papers = yaml.safe_load((inputs / 'result.yaml').read_text())['parameters']
+        assert fixed['made_by']['start'][:7] == [papers[name]['value'] for name in SEVEN]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_a_parameter_is_held_at_a_value_and_the_others_are_the_best_beside_it(ru
         (['sim@0.9:9'], [810], [900]),
     ],
 )
-def test_windows_divide_a_bag_as_documented(run, there, arguments, training, validation):
+def test_windows_divide_a_bag_as_documented(run, in_inputs, arguments, training, validation):
     status, out, _ = run('identify', *arguments, '--json', *FAST)
     assert status == 0
     result = json.loads(out)
@@ -108,8 +108,8 @@ def test_windows_divide_a_bag_as_documented(run, there, arguments, training, val
     assert any('share samples: they count twice' in warning for warning in result['warnings']) == twice
 
 
-def test_a_remainder_too_short_to_judge_by_costs_no_result(run, tmp_path):
-    """0.2 s at 500 Hz: samples enough, but shorter than a test function of the weak criterion."""
+def test_a_remainder_too_short_for_validation_causes_no_failure(run, tmp_path):
+    """0.2 s at 500 Hz are shorter than the support of a test function."""
     fast = tmp_path / 'fast'
     assert run('simulate', '--output', fast, '--rate', '500', '--samples', '3000')[0] == 0
     for window, rest in (('0.2:4', [f'{fast}@4:']), ('0.2:5.8', [])):
@@ -117,9 +117,9 @@ def test_a_remainder_too_short_to_judge_by_costs_no_result(run, tmp_path):
         assert (status, [b['bag'] for b in json.loads(out)['bags']]) == (0, [f'{fast}@{window}', *rest])
 
 
-def test_a_result_that_cannot_be_written_in_the_end_is_printed_all_the_same(made, tmp_path):
+def test_a_result_that_cannot_be_written_is_still_printed(inputs, tmp_path):
     output = tmp_path / 'result.yaml'
-    ended = run_program('pendubot', 'identify', made / 'swing', *FAST, '--output', output, '--json', file_limit=0)
+    ended = run_program('pendubot', 'identify', inputs / 'swing', *FAST, '--output', output, '--json', file_limit=0)
     assert ended.returncode == 1
     assert ended.stderr == f'pendubot: {output} cannot be written (File too large); choose a folder that can be\n'
     assert list(json.loads(ended.stdout)['parameters']) == list(SEVEN)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Faults of the data in the terminal and the result file: they are named with a remedy, and lose no result."""
+"""Faults of recordings: terminal and result file name them with a remedy."""
 
 import re
 from dataclasses import replace
@@ -19,17 +19,16 @@ OPTIONS = ('--criterion=weak', '--model=viscous', '--optimizer=lsq', '--hold=zer
 
 
 def early(m):
-    """The effort's stamps two samples early."""
+    """Make the timestamps of the effort two samples early."""
     return replace(m, tau=np.concatenate([m.tau[2:], m.tau[-1:], m.tau[-1:]]))
 
 
 def torques(T, offset=0.0):
-    """The torques mixed up."""
+    """Return a function that transforms the torques by a matrix and an offset [N m] at the shoulder."""
     return lambda m: replace(m, tau=m.tau @ np.array(T) + np.array([offset, 0.0]))
 
 
-#: By name: what is done to a good recording of a rig with two motors, what is said, and whether the parameters are
-#: good: where the delay was estimated along, they may be.
+#: By name: change of a good recording of a rig with two motors, message, and whether the parameters stay accurate.
 FAULTS = {
     'early effort': (early, 'the effort acts 20 ms later than it is stamped', True),
     "the shoulder's effort": (torques([[-1, 0], [0, 1]]), "the shoulder's effort has the wrong sign", False),
@@ -48,7 +47,7 @@ def good():
 
 
 @pytest.mark.parametrize('fault', FAULTS)
-def test_a_named_fault_loses_no_result(good, run, tmp_path, fault):
+def test_a_fault_is_named_with_a_remedy_and_the_result_is_still_written(good, run, tmp_path, fault):
     spoil, sentence, mild = FAULTS[fault]
     spoiled = spoil(good)
     write_trajectory(tmp_path / 'bag', replace(spoiled, tau=np.ascontiguousarray(spoiled.tau)))
@@ -62,7 +61,7 @@ def test_a_named_fault_loses_no_result(good, run, tmp_path, fault):
     assert named['remedy'] in warning
     assert data['level'] == ('WARN' if mild else 'ERROR')
     assert bool(data['consequences']) != mild
-    # In the terminal, one fault and how much follows from it.
+    # The terminal shows one fault, and the number of its consequences.
     assert f'{data["level"]}: {" ".join(warning.split())}' in ' '.join(out.split())
     assert mild or 'more follow from that' in out
     assert run('identify', tmp_path / 'bag', *OPTIONS, '--fail-on', 'never')[0] == 0

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a user can do wrong: one sentence, the exit status that goes with it, and no file made or changed."""
+"""Mistakes of users: one sentence, the exit status, and no file written or changed."""
 
 import shutil
 
@@ -22,7 +22,7 @@ FILES = {
     'run.csv': 'time,a,b,u\n0.0,1,2,3\n0.1,2,3,4\n',
 }
 
-#: Command lines, and a part of what is said. Of these, what is read or written makes no sense.
+#: Command lines with invalid inputs or outputs, and a part of the message.
 FAILURES = {
     'identify run.csv': "has no column 'q1' for q1; its columns are time, a, b, u: name",
     f'identify {"b" * 300}': 'there is no bag bbb',
@@ -31,7 +31,7 @@ FAILURES = {
     'identify swing --start /nowhere.yaml': 'there is no file /nowhere.yaml',
     'identify swing --report look': 'look exists already and is not empty',
     'identify swing --output swing/metadata.yaml --force': 'is read, so it cannot be written as well',
-    # Before anything is read.
+    # Outputs are checked before inputs are read.
     'identify /nowhere --output /nowhere/r.yaml': '/nowhere/r.yaml cannot be written (No such file',
     'identify /nowhere --output swing --force': 'swing is a folder; name a file in it',
     'identify /nowhere --report file/look': 'cannot be written (Not a directory); choose a folder that can be',
@@ -52,7 +52,7 @@ FAILURES = {
     'repair swing --output swing --force': 'is the bag itself',
     'repair swing --output look': 'exists already',
 }
-#: What can be told from the command line, and the files of settings, alone.
+#: Invalid command lines and settings files, and a part of the message.
 WRONG_USAGE = {
     '': 'required: SUBCOMMAND',
     'fly': "invalid choice: 'fly'",
@@ -90,10 +90,10 @@ WRONG_USAGE = {
 
 
 @pytest.fixture(scope='module')
-def folder(made, tmp_path_factory):
-    """The same with files that are of no use."""
-    folder = tmp_path_factory.mktemp('refusals') / 'made'
-    shutil.copytree(made, folder)
+def folder(inputs, tmp_path_factory):
+    """A copy of the folder with invalid files, and its contents."""
+    folder = tmp_path_factory.mktemp('refusals') / 'inputs'
+    shutil.copytree(inputs, folder)
     for name, text in FILES.items():
         (folder / name).write_text(text)
     (folder / 'link.yaml').symlink_to(folder / 'result.yaml')
@@ -110,12 +110,12 @@ def folder(made, tmp_path_factory):
         *((command, 2, sentence) for command, sentence in WRONG_USAGE.items()),
     ],
 )
-def test_a_mistake_is_one_sentence(folder, monkeypatch, refused, command, status, sentence):
+def test_a_mistake_is_reported_and_changes_no_file(folder, monkeypatch, refused, command, status, sentence):
     path, before = folder
     monkeypatch.chdir(path)
-    said = refused(*command.split(), status=status)
-    assert sentence in said
-    assert len(said) < 500
+    message = refused(*command.split(), status=status)
+    assert sentence in message
+    assert len(message) < 500
     assert contents(path) == before
 
 
@@ -123,7 +123,7 @@ def test_a_mistake_is_one_sentence(folder, monkeypatch, refused, command, status
     ('failure', 'sentence'),
     [(OSError(28, 'No space left on device'), 'the system refused: '), (MemoryError('80 GB'), 'not enough memory')],
 )
-def test_a_refusal_of_the_system_is_one_sentence(refused, monkeypatch, failure, sentence):
+def test_a_system_error_is_reported_in_one_sentence(refused, monkeypatch, failure, sentence):
     def refuse(args):
         raise failure
 
@@ -132,7 +132,7 @@ def test_a_refusal_of_the_system_is_one_sentence(refused, monkeypatch, failure, 
 
 
 @pytest.mark.parametrize('arguments', [('--debug', 'info', '/nowhere'), ('info', '/nowhere', '--debug')])
-def test_debug_shows_where(run, arguments):
+def test_debug_shows_the_traceback(run, arguments):
     status, _, err = run(*arguments)
     assert status == 1
     assert 'Traceback' in err

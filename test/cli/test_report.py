@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""pendubot report and identify --report from outside: what lies in the folder, and what becomes of failures."""
+"""The subcommand report, and identify --report: contents of the folder, and failures."""
 
 import re
 import shutil
@@ -27,38 +27,38 @@ def plots(folder):
     return set(re.findall(r'data-plot="(\w+)"', (folder / 'report.html').read_text()))
 
 
-def test_a_folder_with_a_page_and_the_result(made):
-    assert names(made / 'look') == {'report.html', 'result.yaml'}
-    assert plots(made / 'look') == PLOTS
-    assert (made / 'look' / 'result.yaml').read_bytes() == (made / 'result.yaml').read_bytes()
-    page = Page((made / 'look' / 'report.html').read_text())
+def test_the_folder_has_a_self_contained_page_and_the_result(inputs):
+    assert names(inputs / 'look') == {'report.html', 'result.yaml'}
+    assert plots(inputs / 'look') == PLOTS
+    assert (inputs / 'look' / 'result.yaml').read_bytes() == (inputs / 'result.yaml').read_bytes()
+    page = Page((inputs / 'look' / 'report.html').read_text())
     assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(PLOTS | FIGURES)
     assert [link for link in page.links if not link.startswith(('data:', '#'))] == []
-    assert str(made) not in (made / 'look' / 'report.html').read_text()
-    assert 'data that were not used to estimate them' in text(made / 'look')
-    assert 'Not shown' not in text(made / 'look')
+    assert str(inputs) not in (inputs / 'look' / 'report.html').read_text()
+    assert 'data that were not used to estimate them' in text(inputs / 'look')
+    assert 'Not shown' not in text(inputs / 'look')
 
 
-def test_the_same_from_the_result_file_later(there, tmp_path, run):
-    """The bags are read again and divided as they were; --figures writes every picture."""
+def test_the_same_report_is_made_later_from_the_result_file(in_inputs, tmp_path, run):
+    """--figures writes every picture."""
     shutil.copy('result.yaml', tmp_path)
     status, out, err = run('report', tmp_path / 'result.yaml', '--figures')
     later = tmp_path / 'result_report'
     assert (status, out, err) == (0, f'written to {later / "report.html"}\n', '')
-    for file in (there / 'look').iterdir():
+    for file in (in_inputs / 'look').iterdir():
         assert (later / file.name).read_bytes() == file.read_bytes(), file.name
     files = {f'{name}.{ending}' for name in PLOTS | FIGURES for ending in ('svg', 'png')}
     assert names(later) == {'report.html', 'result.yaml', *files}
 
 
-def test_a_window_without_validation_data_is_shown_for_what_it_is(made, tmp_path, run):
-    assert run('identify', f'{made / "swing"}@0:', '--report', tmp_path / 'look', *FAST)[0] == 0
+def test_a_report_without_validation_data_is_marked_and_cross_validated(inputs, tmp_path, run):
+    assert run('identify', f'{inputs / "swing"}@0:', '--report', tmp_path / 'look', *FAST)[0] == 0
     assert 'There are no validation data' in text(tmp_path / 'look')
     assert 'parts of it that were left out in turn' in text(tmp_path / 'look')
 
 
-def test_a_reference_by_hand_stands_beside_the_result(there, tmp_path, run):
-    """It may write 4e-4, which YAML takes for a word; what no rig has is said, and shown nevertheless."""
+def test_reference_parameters_written_by_hand_are_shown_beside_the_result(in_inputs, tmp_path, run):
+    """It may contain 4e-4, a string in YAML; an unphysical value is reported and shown."""
     by_hand = ', '.join(f'{name}: {{value: 4e-4}}' for name in ('P2', 'P3', 'P4', 'P5', 'b1', 'b2'))
     (tmp_path / 'hand.yaml').write_text(f'schema: 1\nparameters: {{{by_hand}, P1: {{value: -0.0022}}}}\n')
     arguments = ('report', 'result.yaml', '--reference', tmp_path / 'hand.yaml', '--output', tmp_path / 'out')
@@ -71,27 +71,27 @@ def test_a_reference_by_hand_stands_beside_the_result(there, tmp_path, run):
     assert beside == {'P1': -0.0022, **dict.fromkeys(('P2', 'P3', 'P4', 'P5', 'b1', 'b2'), 4e-4)}
 
 
-def test_a_report_that_fails_leaves_no_folder_and_an_earlier_one_as_it_was(made, tmp_path, run, monkeypatch):
-    """Whatever fails while it is drawn; the result, which is written apart, is there."""
+def test_a_failed_report_leaves_no_folder_and_an_earlier_one_unchanged(inputs, tmp_path, run, monkeypatch):
+    """The result file is written nevertheless."""
 
     def fail(*_):
         raise RuntimeError('a figure that cannot be drawn')
 
     monkeypatch.setattr('pendubot_identification.report.plots.Prepared.data', fail)
-    shutil.copytree(made / 'look', tmp_path / 'look')
+    shutil.copytree(inputs / 'look', tmp_path / 'look')
     before = contents(tmp_path / 'look')
-    command = ('identify', made / 'swing', *FAST, '--output', tmp_path / 'result.yaml', '--force', '--report')
+    command = ('identify', inputs / 'swing', *FAST, '--output', tmp_path / 'result.yaml', '--force', '--report')
     for folder in ('look', 'new/look'):
         status, _, err = run(*command, tmp_path / folder)
-        said = 'pendubot: RuntimeError: a figure that cannot be drawn; run again with --debug to see where\n'
-        assert (status, err) == (1, said)
+        message = 'pendubot: RuntimeError: a figure that cannot be drawn; run again with --debug to see where\n'
+        assert (status, err) == (1, message)
     assert {path.name for path in tmp_path.iterdir()} == {'look', 'result.yaml'}
     assert contents(tmp_path / 'look') == before
 
 
-def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_path, run):
-    """Without them the page shows what the file holds, and says what is missing and why."""
-    result = yaml.safe_load((made / 'result.yaml').read_text())
+def test_moved_or_changed_bags_are_reported_and_found_with_the_option_bags(inputs, tmp_path, run):
+    """Without them the page shows the values of the file, and the reason for missing figures."""
+    result = yaml.safe_load((inputs / 'result.yaml').read_text())
     for bag in result['bags']:
         bag['bag'] = '/gone/swing'
     (tmp_path / 'moved.yaml').write_text(yaml.safe_dump(result))
@@ -106,6 +106,6 @@ def test_bags_that_were_moved_or_changed_are_named_and_found_again(made, tmp_pat
         assert sentence in err
         assert sentence.replace('/gone/', '') in text(look)
         assert plots(look) == set()
-    found = ('report', tmp_path / 'moved.yaml', '--bags', made, '--output', tmp_path / 'found')
+    found = ('report', tmp_path / 'moved.yaml', '--bags', inputs, '--output', tmp_path / 'found')
     assert run(*found)[::2] == (0, '')
     assert plots(tmp_path / 'found') == PLOTS

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""pendubot compare and export from outside."""
+"""The subcommands compare and export."""
 
 import json
 import math
@@ -20,7 +20,7 @@ SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """Two criteria's answers from the same 4 s of the sample bag."""
+    """The working directory, with results of two criteria from the same 4 s of the sample bag."""
     monkeypatch.chdir(tmp_path)
     for name, criterion in (('a', 'energy'), ('b', 'weak')):
         write(tmp_path / f'{name}.yaml', plain((criterion,)))
@@ -29,7 +29,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def by_hand(folder):
-    """Writes a file of the balancing rig's parameters but for some; returns its path."""
+    """Writes the balancing rig's parameters with some changes to a file; returns its path."""
 
     def by_hand(**others):
         values = {name: getattr(BALANCE, name) for name in NAMES} | others
@@ -41,7 +41,7 @@ def by_hand(folder):
 
 @pytest.fixture
 def compared(run):
-    """Runs compare with --json and returns what it prints."""
+    """Runs compare with --json and returns the output."""
 
     def compared(*arguments):
         status, out, err = run('compare', *arguments, '--json')
@@ -51,20 +51,20 @@ def compared(run):
     return compared
 
 
-def test_differences_are_in_standard_errors_of_both_together(compared):
+def test_differences_are_divided_by_the_combined_standard_error(compared):
     rows = compared('a.yaml', 'b.yaml')['parameters']
     a, b = (plain((criterion,))['parameters'] for criterion in ('energy', 'weak'))
     assert list(rows) == list(a)
     for name, row in rows.items():
         assert row['value'] == [a[name]['value'], b[name]['value']]
         if None not in row['std_error']:
-            together = math.hypot(a[name]['std_error'], b[name]['std_error'])
-            assert row['apart'] == [0.0, pytest.approx((b[name]['value'] - a[name]['value']) / together)]
+            combined = math.hypot(a[name]['std_error'], b[name]['std_error'])
+            assert row['apart'] == [0.0, pytest.approx((b[name]['value'] - a[name]['value']) / combined)]
             assert row['p'][0] == 1.0
-            assert math.erfc(abs(row['apart'][1]) / math.sqrt(2)) < row['p'][1] < 1, 'few degrees of freedom'
+            assert math.erfc(abs(row['apart'][1]) / math.sqrt(2)) < row['p'][1] < 1, 'normal instead of t distribution'
 
 
-def test_they_stand_side_by_side_with_what_each_predicts_of_a_bag(compared, run):
+def test_compare_shows_the_prediction_errors_of_each_result_on_a_bag(compared, run):
     status, out, _ = run('compare', 'a.yaml', 'b.yaml', '--on', f'{SAMPLE}@9:18')
     assert status == 0
     assert out.startswith('A  a.yaml\nB  b.yaml\n')
@@ -72,7 +72,7 @@ def test_they_stand_side_by_side_with_what_each_predicts_of_a_bag(compared, run)
     assert all(w < e < s for e, w, s in zip(*found['error'], found['persistence'], strict=True))
 
 
-def test_a_file_is_read_by_the_option_that_the_refusal_names(folder, compared, refused):
+def test_the_refusal_of_a_file_names_the_option_that_reads_it(folder, compared, refused):
     motion = read_trajectory(SAMPLE).trajectory[900:]
     table = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
     np.savetxt(folder / 'day.csv', table, delimiter=',', header='A day\nt,q1,q2,tau1', comments='')
@@ -82,7 +82,7 @@ def test_a_file_is_read_by_the_option_that_the_refusal_names(folder, compared, r
 
 
 @pytest.mark.parametrize(('window', 'shared'), [('0:4', True), ('3:7', True), ('4:8', False)])
-def test_results_of_the_same_motion_are_named(folder, compared, window, shared):
+def test_results_from_overlapping_recordings_are_noted(folder, compared, window, shared):
     data = plain(('weak',))
     data['bags'][0]['bag'] = f'swing@{window}'
     write(folder / 'c.yaml', data)
@@ -91,8 +91,8 @@ def test_results_of_the_same_motion_are_named(folder, compared, window, shared):
 
 
 @pytest.mark.parametrize(('window', 'named'), [('', True), ('@3.9:', True), ('@4:', False)])
-def test_a_bag_that_one_was_estimated_from_is_named(folder, compared, window, named):
-    """It was from the first four seconds."""
+def test_a_bag_that_overlaps_the_training_data_of_a_result_is_noted(folder, compared, window, named):
+    """The result uses the first four seconds."""
     data = plain(('weak',))
     data['bags'][0]['sha256'] = BagReader(SAMPLE).content_hash
     write(folder / 'c.yaml', data)
@@ -100,7 +100,7 @@ def test_a_bag_that_one_was_estimated_from_is_named(folder, compared, window, na
     assert [note.startswith('c.yaml was estimated from a part of ') for note in notes] == [True] * named
 
 
-def test_parameters_by_hand_are_compared_and_named_if_no_rig_has_them(compared, by_hand):
+def test_parameters_written_by_hand_are_compared_and_noted_if_unphysical(compared, by_hand):
     first, *others = compared('a.yaml', by_hand(P1=-0.0022, Fc1=0.001), '--on', f'{SAMPLE}@9:12')['notes']
     assert 'hand.yaml: not physical: P1 = -0.0022 is not positive' in first
     assert first not in others
@@ -110,7 +110,7 @@ def test_parameters_by_hand_are_compared_and_named_if_no_rig_has_them(compared, 
 
 
 @pytest.mark.parametrize('name', FORMATS)
-def test_the_suffix_says_which_format_and_force_replaces_a_file(by_hand, folder, run, refused, name):
+def test_the_suffix_selects_the_format_and_force_replaces_a_file(by_hand, folder, run, refused, name):
     output = folder / f'parameters.{"xml" if name == "mjcf" else name}'
     output.write_text('mine')
     assert 'exists already' in refused('export', by_hand(), '--output', output)
@@ -118,8 +118,8 @@ def test_the_suffix_says_which_format_and_force_replaces_a_file(by_hand, folder,
     assert run('export', by_hand(), '--format', name)[:2] == (0, output.read_text())
 
 
-def test_parameters_that_no_rig_has_are_of_level_error(folder, run):
-    """Beside what the result says of itself; its numbers may be those of a hand, which YAML takes for words."""
+def test_unphysical_parameters_are_exported_with_level_error(folder, run):
+    """The result's own warning is kept; -22e-4 is a string in YAML."""
     data = plain(('weak',)) | {'level': 'WARN', 'warnings': ['so so']}
     data['parameters']['P1']['value'] = '-22e-4'
     write(folder / 'c.yaml', data)
@@ -131,7 +131,7 @@ def test_parameters_that_no_rig_has_are_of_level_error(folder, run):
 
 
 @pytest.mark.parametrize(
-    ('others', 'options', 'status', 'said'),
+    ('others', 'options', 'status', 'message'),
     [
         ({'P3': 0.02}, 'urdf', 1, 'no rig has these parameters: M(q) is not positive definite'),
         ({'P5': -0.03}, 'urdf', 1, 'give link 1 no length P3 / P5 above 0; measure it and add --link-length'),
@@ -144,9 +144,9 @@ def test_parameters_that_no_rig_has_are_of_level_error(folder, run):
         ({}, 'usd', 2, "invalid choice: 'usd'"),
     ],
 )
-def test_what_makes_no_export_is_refused(by_hand, refused, folder, others, options, status, said):
-    given = by_hand(**others)
-    assert said in refused('export', given, '--output', 'rig', '--format', *options.split(), status=status)
+def test_an_invalid_export_is_refused(by_hand, refused, folder, others, options, status, message):
+    words = ('--output', 'rig', '--format', *options.split())
+    assert message in refused('export', by_hand(**others), *words, status=status)
     assert not (folder / 'rig').exists()
 
 
@@ -158,10 +158,9 @@ def test_joints_of_a_urdf_are_revolute_on_request(by_hand, run):
 
 
 @pytest.mark.parametrize(('name', 'armature'), [('mjcf', True), ('urdf', False)])
-def test_what_was_chosen_and_left_out_is_said_beside_the_file_and_in_it(by_hand, run, name, armature):
-    given = by_hand(Fc1=0.01, J2=0.001, k1=0.1)
-    _, out, err = run('export', given, '--format', name, '--link-length', '0.16')
-    for said in ('link 1 is 0.16 m long, as given', 'the rig moves in the same way', 'Fc tanh(v / 0.05)', 'k1 = 0.1'):
-        assert said in err
+def test_assumptions_and_omissions_of_a_robot_model_are_in_the_file_and_on_stderr(by_hand, run, name, armature):
+    _, out, err = run('export', by_hand(Fc1=0.01, J2=0.001, k1=0.1), '--format', name, '--link-length', '0.16')
+    for note in ('link 1 is 0.16 m long, as given', 'the rig moves in the same way', 'Fc tanh(v / 0.05)', 'k1 = 0.1'):
+        assert note in err
     assert ('J2 = 0.001' in err) is not armature
     assert all(line in out for line in err.splitlines())

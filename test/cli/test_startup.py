@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The start of the command line: no needless imports, ASCII terminals, no ROS, and the settings of the kernel."""
+"""The start of the command line: few imports, ASCII terminals, no ROS, and the settings of the kernel."""
 
 import json
 import os
@@ -43,26 +43,26 @@ def imported(*arguments):
         (['identify', SAMPLE, *FAST], {'matplotlib', 'jinja2'}),
     ],
 )
-def test_nothing_is_imported_that_is_not_needed(arguments, unwanted):
-    found = imported(*arguments)
-    assert ('numpy' in found) == ('numpy' not in unwanted)
-    assert not found & {*unwanted, 'rclpy'}
+def test_unneeded_modules_are_not_imported(arguments, unwanted):
+    modules = imported(*arguments)
+    assert ('numpy' in modules) == ('numpy' not in unwanted)
+    assert not modules & {*unwanted, 'rclpy'}
 
 
-def test_version_says_which_path_is_taken():
+def test_version_shows_whether_the_kernel_is_used():
     command = ('-m', 'pendubot_identification.cli.main', '--version')
-    said = child(*command, env={'PENDUBOT_KERNEL': 'off'}, check=True).stdout
-    assert said == f'pendubot {__version__}, numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)\n'
+    version = child(*command, env={'PENDUBOT_KERNEL': 'off'}, check=True).stdout
+    assert version == f'pendubot {__version__}, numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)\n'
 
 
 @pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('many', 0)])
-def test_the_kernel_takes_no_more_threads_than_told(given, threads):
+def test_the_variable_pendubot_threads_limits_the_kernel(given, threads):
     command = ('-c', 'import pendubot_identification.kernel as kernel; print(kernel.threads)')
     assert int(child(*command, env={**os.environ, 'PENDUBOT_THREADS': given}, check=True).stdout) == threads
 
 
-def test_works_where_ros_cannot_be_imported_and_a_terminal_knows_but_ascii(made, tmp_path):
-    """rclpy and the messages are made impossible to import; so are the wheels' hooks, which -S leaves out."""
+def test_the_command_line_works_without_ros_and_on_an_ascii_terminal(inputs, tmp_path):
+    """A blocker refuses to import rclpy and messages; -S omits the import hooks of wheels."""
     blocker = tmp_path / 'without_ros.py'
     blocker.write_text(
         'import sys\n'
@@ -77,9 +77,9 @@ def test_works_where_ros_cannot_be_imported_and_a_terminal_knows_but_ascii(made,
     env = {k: v for k, v in os.environ.items() if not k.startswith(('ROS', 'AMENT', '_ROS'))}
     env['PYTHONPATH'] = os.pathsep.join([str(ROOT), *(p for p in sys.path if p.endswith('site-packages'))])
     env['PYTHONIOENCODING'] = 'ascii'
-    result = child('-S', blocker, 'identify', made / 'swing', *FAST, '--verbose', env=env)
+    result = child('-S', blocker, 'identify', inputs / 'swing', *FAST, '--verbose', env=env)
     assert (result.returncode, result.stderr) == (0, '')
-    assert r'\xb1' in result.stdout, 'in the place of a sign that ASCII lacks'
+    assert r'\xb1' in result.stdout, 'signs beyond ASCII must be escaped'
     demo = child('-S', blocker, 'demo', env=env)
     assert (demo.returncode, 'Traceback' in demo.stderr) == (1, False)
     assert 'the demo needs ROS 2' in demo.stderr

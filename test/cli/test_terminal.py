@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A terminal: short texts, colours, a progress bar, one line for wrong usage, and completion by the shell."""
+"""Output to a terminal: short texts, progress bar, help, and completion."""
 
 import fcntl
 import json
@@ -29,36 +29,35 @@ from test.cli.conftest import FAST
 from test.conftest import ROOT
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
-#: Longer than any that awaits it.
-PATIENCE = 60
+PATIENCE = 60  #: Timeout [s] of every program.
 PENDUBOT = sys.executable, '-m', 'pendubot_identification.cli.main'
 sentences = st.lists(st.text('abc de', min_size=5, max_size=400).map(lambda text: f'x{text}'), max_size=12)
 
 
 def in_a_terminal(*arguments, **environment):
-    """Run a program in a terminal of its own; return all that it wrote."""
+    """Run a program in a new pseudo-terminal; return its output."""
     child, terminal = pty.fork()
     if child == 0:
         fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack('HHHH', 24, 80, 0, 0))
         env = {**os.environ, 'TERM': 'xterm', 'COLUMNS': '80', **environment}
         os.execvpe(arguments[0], list(map(str, arguments)), env)
-    seen = b''
+    output = b''
     with suppress(OSError):  # the other end was closed
         while select.select([terminal], [], [], PATIENCE)[0]:
-            seen += os.read(terminal, 65536)
+            output += os.read(terminal, 65536)
     os.close(terminal)
     os.waitpid(child, 0)
-    return seen.decode()
+    return output.decode()
 
 
 @pytest.fixture(scope='module')
-def result(made):
-    return read_complete_result(made / 'result.yaml')
+def result(inputs):
+    return read_complete_result(inputs / 'result.yaml')
 
 
 @given(sentences, sentences, sentences, st.sampled_from(Level), st.integers(0, 4), st.booleans())
 @settings(deadline=None, max_examples=40)
-def test_any_result_has_room(result, warnings, advice, consequences, level, files, large):
+def test_any_result_fits_on_thirty_lines(result, warnings, advice, consequences, level, files, large):
     parameters = {n: Parameter(value=0.1, std_error=0.01, unit=u) for n, u in zip(NAMES, UNITS, strict=True)}
     found = replace(result, warnings=warnings, advice=advice, consequences=consequences, level=level)
     found = replace(found, parameters=parameters) if large else found
@@ -68,17 +67,17 @@ def test_any_result_has_room(result, warnings, advice, consequences, level, file
     assert any(line.startswith(f'{level.name}: ') for line in lines)
 
 
-def test_verbose_has_the_rest(run, made, tmp_path):
-    status, short, _ = run('identify', made / 'swing', *FAST)
-    again, long, _ = run('identify', made / 'swing', *FAST, '--verbose', '--output', tmp_path / 'r.yaml')
+def test_verbose_shows_the_complete_result(run, inputs, tmp_path):
+    status, short, _ = run('identify', inputs / 'swing', *FAST)
+    again, long, _ = run('identify', inputs / 'swing', *FAST, '--verbose', '--output', tmp_path / 'r.yaml')
     assert status == again
     assert len(short.splitlines()) <= LINES < len(long.splitlines())
     assert 'condition number' in long
     assert ('not saved: add --output' in short, 'not saved' in long) == (True, False)
 
 
-def test_a_terminal_shows_how_far_how_long_and_how_good_but_not_in_json(tmp_path):
-    """Long enough to be seen on any machine: without the kernel, and no run of MDE stops early."""
+def test_a_terminal_shows_progress_time_and_best_value_but_not_with_json(tmp_path):
+    """The run is long, without the kernel and without early convergence, to show progress on any machine."""
     (tmp_path / 'long.yaml').write_text('{runs: 3, generations: 8000}')
     command = (*PENDUBOT, 'identify', SAMPLE, '--criterion', 'energy', '--model', 'viscous', '--optimizer', 'mde')
     drawn = in_a_terminal(
@@ -89,23 +88,23 @@ def test_a_terminal_shows_how_far_how_long_and_how_good_but_not_in_json(tmp_path
     done, best = [int(n) for n, _ in bars], [float(J) for _, J in bars]
     assert done == sorted(done)
     assert best == sorted(best, reverse=True)
-    assert 'MDE' not in drawn.rsplit('\r', 1)[-1].split('\n')[0], 'it is gone when the work is done'
+    assert 'MDE' not in drawn.rsplit('\r', 1)[-1].split('\n')[0], 'the bar must be removed at the end'
     assert json.loads(in_a_terminal(*command, '--json'))['criterion'] == 'energy'
 
 
-def test_whoever_closed_stdout_is_told_nothing():
+def test_a_closed_stdout_causes_no_error():
     program = f'exec {sys.executable} -c "from pendubot_identification.programs import pendubot; exit(pendubot())"'
     ended = subprocess.run(f'{program} info {SAMPLE} >&-', shell=True, capture_output=True, timeout=PATIENCE)
     assert (ended.returncode, ended.stderr) == (0, b'')
 
 
-def test_help_is_help(run):
+def test_help_is_equivalent_to_the_option(run):
     assert run('help') == run('--help')
     for command in re.findall(r'^    (\w+) ', run('--help')[1], re.MULTILINE):
         assert run('help', command) == run(command, '--help')
 
 
-def test_completion_without_shtab_says_what_to_install(run, monkeypatch):
+def test_completion_without_shtab_gives_the_command_to_install_it(run, monkeypatch):
     monkeypatch.setitem(sys.modules, 'shtab', None)
     status, _, err = run('completion', 'bash')
     assert (status, err.strip().endswith('pip install shtab')) == (1, True)

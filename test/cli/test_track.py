@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""pendubot track from outside."""
+"""The subcommand track."""
 
 import json
 
@@ -31,7 +31,7 @@ def bag(motion, tmp_path_factory):
     return path
 
 
-def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, refused, bag, tmp_path):
+def test_a_bag_is_tracked_and_written_as_a_result_with_a_report(run, refused, bag, tmp_path):
     now, look = tmp_path / 'now.yaml', tmp_path / 'look'
     status, out, err = run('track', bag, '--output', now, '--report', look, '--figures')
     assert (status, err) == (0, '')
@@ -40,23 +40,23 @@ def test_a_bag_is_followed_and_written_as_a_result_with_a_figure(run, refused, b
     result = read_result(now)
     assert (np.abs(result.theta.vector('coulomb') / truth(DAY, [25.0])[0] - 1) < 0.01)[:5].all()
     assert result.level.name == 'OK'
-    told = yaml.safe_load(now.read_text())['tracked']
-    assert told['events'][0]['kind'] == 'payload on link 2'
-    assert len(told['t']) == len(told['values']['P1']) > 20
+    tracked = yaml.safe_load(now.read_text())['tracked']
+    assert tracked['events'][0]['kind'] == 'payload on link 2'
+    assert len(tracked['t']) == len(tracked['values']['P1']) > 20
     assert {path.name for path in look.iterdir()} == {'report.html', 'result.yaml', 'track.png', 'track.svg'}
-    assert f'OK at {max(told["t"]):.0f} s' in (look / 'report.html').read_text()
-    # What was written is where the next one begins.
+    assert f'OK at {max(tracked["t"]):.0f} s' in (look / 'report.html').read_text()
+    # A later run starts from the result.
     status, out, _ = run('track', f'{bag}@17:', '--start', now, '--json')
     assert status == 0
     assert json.loads(out)['tracked']['events'] == []
-    # But not at level ERROR, nor where nothing was found.
+    # A result of level ERROR, or an identification that failed, is refused.
     now.write_text(now.read_text().replace('level: OK', 'level: ERROR'))
     assert 'is of level ERROR' in refused('track', bag, '--start', now)
     assert 'no parameters were identified: 8 s of motion without a gap are needed' in refused('track', f'{bag}@0:3')
     assert 'so it cannot be written' in refused('track', bag, '--output', bag / 'metadata.yaml', '--force')
 
 
-def test_what_was_followed_is_said_though_the_disk_is_full(bag, tmp_path):
+def test_the_summary_is_printed_even_if_the_disk_is_full(bag, tmp_path):
     ended = run_program('pendubot', 'track', f'{bag}@:12', '--report', tmp_path / 'look', file_limit=20_000)
     assert ended.returncode == 1
     assert 'no change' in ended.stdout
@@ -64,7 +64,7 @@ def test_what_was_followed_is_said_though_the_disk_is_full(bag, tmp_path):
     assert 'written to' not in ended.stdout
 
 
-def test_parts_one_after_the_other_are_one_stream(run, motion, tmp_path):
+def test_consecutive_recordings_are_tracked_as_one(run, motion, tmp_path):
     for name, part in (('a', motion[motion.t < 16]), ('b', motion[motion.t >= 16])):
         rows = np.column_stack([part.t, part.q, part.tau[:, 0]])
         np.savetxt(tmp_path / f'{name}.csv', rows, delimiter=',', header='t,q1,q2,tau1', comments='')

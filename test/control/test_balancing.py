@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the balancer needs before it begins, and when it stops; it never begins again on its own."""
+"""Conditions of the balancer for starting and stopping; it never restarts by itself."""
 
 import functools
 import math
@@ -32,7 +32,7 @@ def informed(level=Level.OK, motor_delay=None):
     for k in range(150):
         readiness.sample(k * PERIOD)
     readiness.offer(THETA)
-    readiness.assess(level, 'said so', values())
+    readiness.assess(level, 'low quality', values())
     return readiness
 
 
@@ -40,7 +40,7 @@ def informed(level=Level.OK, motor_delay=None):
     ('delay', 'motor_delay', 'lag'),
     [('0.004', None, 0.004), ('0.004', 0.01, 0.01), *((d, None, 0.0) for d in ('None', 'nan', '', '-0.002'))],
 )
-def test_everything_known_is_the_parameters_and_the_loop(delay, motor_delay, lag):
+def test_readiness_gives_parameters_period_delay_and_torque_limit(delay, motor_delay, lag):
     readiness = informed(motor_delay=motor_delay)
     readiness.assess(Level.OK, '', values(delay=delay))
     assert readiness.ready(False) == (BALANCE, Loop(PERIOD, lag, 2.0))
@@ -48,11 +48,11 @@ def test_everything_known_is_the_parameters_and_the_loop(delay, motor_delay, lag
     assert readiness.ready(False)[1].limit == 0.5
 
 
-def test_skipped_samples_do_not_hide_the_rate():
+def test_the_period_is_estimated_despite_skipped_samples():
     readiness = informed()
     for k in range(0, 600, 2):
         readiness.sample(1 + k * PERIOD)
-    assert readiness.ready(False)[1].period == pytest.approx(2 * PERIOD), 'it has truly changed'
+    assert readiness.ready(False)[1].period == pytest.approx(2 * PERIOD), 'the rate has changed'
     mixed = Readiness(2.0)
     t = 0.0
     for k in range(150):
@@ -62,7 +62,7 @@ def test_skipped_samples_do_not_hide_the_rate():
     assert mixed.ready(True)[1].period == pytest.approx(PERIOD)
 
 
-def test_what_is_missing_or_not_good_enough_is_said():
+def test_missing_or_poor_inputs_are_named():
     unsampled, other = Readiness(2.0), informed()
     unsampled.offer(THETA)
     other.offer([1.01 * value for value in THETA])
@@ -70,8 +70,8 @@ def test_what_is_missing_or_not_good_enough_is_said():
         (Readiness(2.0), True, 'no parameters were received'),
         (unsampled, False, 'the quality of the parameters'),
         (unsampled, True, 'too few samples'),
-        (informed(level=Level.WARN), False, r'level WARN \(said so\); set the parameter accept_warn'),
-        (informed(level=Level.ERROR), True, r'level ERROR \(said so\)'),
+        (informed(level=Level.WARN), False, r'level WARN \(low quality\); set the parameter accept_warn'),
+        (informed(level=Level.ERROR), True, r'level ERROR \(low quality\)'),
         (other, False, 'the quality of'),
     ):
         with pytest.raises(ControlError, match=words):
@@ -81,7 +81,7 @@ def test_what_is_missing_or_not_good_enough_is_said():
 
 @functools.cache
 def planned(parameters, loop):
-    """A plan that was not simulated."""
+    """Return a plan without a simulation."""
     return Plan.make(parameters, loop, simulate_closed_loop=False)
 
 
@@ -99,9 +99,9 @@ def upright(balancing, t, now=None, effort=0.0):
 
 def running():
     balancing = prepared()
-    assert upright(balancing, 1.0) is None, 'idle'
+    assert upright(balancing, 1.0) is None
     balancing.begin()
-    assert upright(balancing, 1.005) == 0.0, 'arming: nothing is wanted yet'
+    assert upright(balancing, 1.005) == 0.0, 'no torque while arming'
     balancing.armed()
     assert upright(balancing, 1.010) != 0.0
     return balancing
@@ -112,14 +112,14 @@ def running():
     [
         (lambda b: (upright(b, 1.015, now=1.1), upright(b, 1.02, now=1.13)), r'a sample is 0\.110 s old'),
         (lambda b: upright(b, 1.015, now=math.nan), 'a sample is nan s old'),
-        # With use_sim_time and no /clock, or after the computer's clock was set back, no sample would ever be old.
+        # Clock set back, or use_sim_time without /clock: no sample would ever be old.
         (lambda b: upright(b, 1.2, now=1.015), r'a sample is -0\.185 s old; .* check the clocks and use_sim_time'),
         (lambda b: upright(b, 1.115, now=1.06), 'time between two samples'),
         (lambda b: b.silence(1.2), r'no sample for 0\.190 s'),
         (lambda b: upright(b, 1.015, now=1.2), r'no sample for 0\.190 s'),
     ],
 )
-def test_anything_wrong_is_raised_and_it_stays_stopped(spoil, words):
+def test_late_old_or_missing_samples_stop_the_balancer_for_good(spoil, words):
     balancing = running()
     with pytest.raises(ControlError, match=words) as raised:
         spoil(balancing)
@@ -130,7 +130,7 @@ def test_anything_wrong_is_raised_and_it_stays_stopped(spoil, words):
     assert message == f'stopped: {balancing.stopped}'
 
 
-def test_a_bridge_that_does_not_answer_is_not_waited_for_for_ever():
+def test_arming_times_out_if_the_bridge_does_not_answer():
     balancing = prepared()
     upright(balancing, 1.0)
     balancing.begin()
@@ -147,12 +147,12 @@ def test_a_bridge_that_does_not_answer_is_not_waited_for_for_ever():
         lambda b, plan: (b.stop(), b.prepared(plan)),
         lambda b, plan: (b.not_prepared((plan.design.parameters, plan.design.loop), 'too slow'), b.stop()),
     ],
-    ids=['taken over', 'about to be', 'too late', 'refused'],
+    ids=['adopted', 'prepared', 'prepared after the stop', 'refused'],
 )
-def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
+def test_parameters_received_while_moving_are_prepared_again_before_the_next_start(end):
     balancing = running()
     balancing.readiness.offer(BETTER)
-    assert balancing.to_prepare(False) is None, 'they are not assessed yet'
+    assert balancing.to_prepare(False) is None, 'parameters without a quality must not be used'
     balancing.readiness.assess(Level.OK, '', values(BETTER))
     wanted = balancing.to_prepare(False)
     end(balancing, planned(*wanted))
@@ -160,14 +160,14 @@ def test_what_came_while_it_moved_is_looked_at_anew_before_the_next_start(end):
     if balancing.plan is None:
         with pytest.raises(ControlError, match='being designed'):
             balancing.begin()
-    assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'what it may start by was simulated'
+    assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'it must not start with an unsimulated plan'
     balancing.prepared(replace(planned(*wanted), swing_up=math.inf))
     balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0)
     with pytest.raises(ControlError, match='do not swing this rig up'):
         balancing.begin()
 
 
-def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
+def test_a_plan_prepared_while_arming_does_not_replace_the_simulated_one():
     balancing = prepared()
     simulated = balancing.plan
     upright(balancing, 1.0)
@@ -177,20 +177,20 @@ def test_it_starts_by_what_was_simulated_though_more_came_while_it_was_arming():
     assert balancing.plan is simulated
 
 
-def test_a_rig_that_leaves_no_room_for_error_is_refused_by_computation():
-    """The paper's own values: link 1 would be 3 cm long."""
+def test_a_rig_with_too_small_stability_margins_is_refused():
+    """With the paper's values link 1 would be 3 cm long."""
     with pytest.raises(ControlError, match=r'margins are too small: gain factors of 0\.7. to 1\.1. and'):
         Plan.make(PAPER, Loop(0.01, 0.004, 2.0))
 
 
-def test_it_does_not_begin_unprepared_nor_twice():
+def test_starting_unprepared_or_twice_is_refused():
     with pytest.raises(ControlError, match='being designed'):
         Balancing(2.0).begin()
     with pytest.raises(ControlError, match='it is running already'):
         running().begin()
 
 
-def test_what_cannot_be_swung_up_may_be_held_all_the_same():
+def test_a_rig_that_cannot_be_swung_up_may_start_upright():
     for balancing, words in (
         (prepared(swing_up=math.inf), 'do not swing this rig up in simulation'),
         (prepared(SafetyLimits(swing_up=0.0)), 'swing_up_time is 0'),
@@ -203,7 +203,7 @@ def test_what_cannot_be_swung_up_may_be_held_all_the_same():
         assert balancing.phase is Phase.ARMING
 
 
-def test_a_plan_that_failed_is_not_tried_again_until_something_changes():
+def test_a_failed_plan_is_not_repeated_until_an_input_changes():
     balancing = Balancing(2.0)
     balancing.readiness = informed()
     wanted = balancing.to_prepare(False)

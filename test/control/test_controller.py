@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The controller on simulated rigs: it swings up, balances, changes its parameters, and stops."""
+"""The controller on simulated rigs: swing-up, balancing, new parameters, and safety stops."""
 
 import functools
 import math
@@ -19,7 +19,7 @@ from pendubot_identification.model.simulation import HANGING, LatePlant
 
 LAG = 0.004
 LOOPS = {rate: Loop(1 / rate, LAG, 2.0) for rate in (200, 500)}
-#: Link 2 identified up to a third wrong.
+#: Parameters of link 2 with errors of up to 30 %.
 WRONG = replace(BALANCE, P2=1.3 * BALANCE.P2, P3=1.2 * BALANCE.P3, P5=1.15 * BALANCE.P5)
 
 
@@ -40,7 +40,7 @@ def run(start, seed, rate, known, seconds=12.0, **how):
 
 
 @pytest.mark.parametrize('rate', LOOPS)
-@pytest.mark.parametrize('known', [BALANCE, WRONG], ids=['exact', 'off'])
+@pytest.mark.parametrize('known', [BALANCE, WRONG], ids=['exact', 'inexact'])
 @pytest.mark.parametrize(('start', 'within'), [('upright', 1.0), ('hanging', 10.0)])
 def test_the_rig_is_swung_up_and_held_within_the_torque_limit(rate, known, start, within):
     closed_loop = run(start, 1, rate, known)
@@ -50,12 +50,12 @@ def test_the_rig_is_swung_up_and_held_within_the_torque_limit(rate, known, start
     assert start == 'hanging' or closed_loop.balancing[1:].all()
 
 
-def test_a_push_that_fells_it_is_followed_by_another_swing_up():
+def test_the_rig_swings_up_again_after_a_push_makes_it_fall():
     controller = Controller(designed())
     rig = LatePlant(BALANCE, LAG, (UPRIGHT, 0.0))
     assert simulate_closed_loop(controller, rig, 2.0).balancing[-1]
     rig.place(rig.q, (0.0, 12.0))
-    controller._last = None  # the second simulation's time begins at 0 again
+    controller._last = None  # the time of the second simulation begins at 0 again
     closed_loop = simulate_closed_loop(controller, rig, 12.0, enough=2.0)
     assert not closed_loop.balancing.all()
     assert held_since(closed_loop.motion) < 10.0
@@ -79,8 +79,8 @@ def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(r
 
 
 @pytest.mark.parametrize('rate', LOOPS)
-def test_lost_samples_are_not_taken_for_wrong_signs(rate):
-    """The controller receives two of three samples, and now and then none for 50 ms."""
+def test_lost_samples_are_not_mistaken_for_wrong_signs(rate):
+    """The controller receives two of three samples, and occasionally none for 50 ms."""
     loop, rng = LOOPS[rate], np.random.default_rng(1)
     for start in ('upright', 'hanging'):
         controller, rig = Controller(designed(rate=rate)), LatePlant(BALANCE, LAG, place(start, 2))
@@ -95,7 +95,7 @@ def test_lost_samples_are_not_taken_for_wrong_signs(rate):
 
 
 def torques_with(change, new):
-    """Return 400 torques that balance the rig; at sample 60, if at all, the design changes."""
+    """Return 400 torques that balance the rig; with ``change``, the design changes at sample 60."""
     controller, rig = Controller(designed()), LatePlant(BALANCE, LAG, (UPRIGHT + 0.05, 0.02))
     torques = [0.0]
     for k in range(400):
@@ -107,11 +107,11 @@ def torques_with(change, new):
     return np.array(torques[1:])
 
 
-def test_new_parameters_come_in_without_a_jump():
+def test_new_parameters_change_the_torque_continuously():
     new = replace(BALANCE, P1=0.9 * BALANCE.P1, P4=1.1 * BALANCE.P4, P5=1.1 * BALANCE.P5)
     before, after = (torques_with(change, Design.make(new, LOOPS[200])) for change in (False, True))
     np.testing.assert_array_equal(before[:60], after[:60])
-    # At the change the torque stays almost the same; then it changes gradually.
+    # The torque is continuous at the change; then it changes gradually.
     largest = np.abs(np.diff(before[40:80])).max()
     assert abs(after[60] - before[60]) < largest
     assert np.abs(np.diff(after[55:80])).max() < 2 * largest
@@ -128,7 +128,7 @@ def test_new_parameters_come_in_without_a_jump():
         ({'swing_up': 0.4}, 'not upright after 0.4 s'),
     ],
 )
-def test_it_stops_at_its_bounds(bounds, words):
+def test_the_controller_stops_at_its_safety_limits(bounds, words):
     controller = Controller(designed(), SafetyLimits(**bounds))
     rig = LatePlant(BALANCE, LAG, place('hanging', 1))
     assert words in simulate_closed_loop(controller, rig, 5.0).stopped
@@ -143,7 +143,7 @@ def test_it_stops_at_its_bounds(bounds, words):
         (0.01, HANGING, math.inf, 'finite'),
     ],
 )
-def test_it_stops_at_samples_that_make_no_sense(t, q, effort, words):
+def test_the_controller_stops_at_invalid_samples(t, q, effort, words):
     controller = Controller(designed())
     controller.step(0.0, HANGING, 0.0)
     controller.step(0.005, HANGING, 0.0)
@@ -151,12 +151,12 @@ def test_it_stops_at_samples_that_make_no_sense(t, q, effort, words):
         controller.step(t, q, effort)
 
 
-def test_too_small_a_motor_is_known_beforehand():
+def test_the_plan_finds_the_torque_limit_too_small_and_gives_a_sufficient_one():
     plan = Plan.make(BALANCE, replace(LOOPS[200], limit=0.6))
     assert plan.swing_up == math.inf
     assert 0.6 < plan.sufficient < 2.0
 
 
-def test_a_rig_whose_second_link_does_not_swing_out_is_refused():
+def test_a_rig_with_the_centre_of_mass_of_link_2_at_the_elbow_is_refused():
     with pytest.raises(ControlError, match='centre of mass of link 2 is at the elbow'):
         Design.make(replace(BALANCE, P5=-0.01), LOOPS[200])

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The estimator predicts a simulated rig over the dead time; the monitor measures how late commands are applied."""
+"""Prediction of a simulated rig over the dead time, and measurement of the latency of commands."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,7 @@ from pendubot_identification.model.simulation import HANGING, LatePlant
 @pytest.mark.parametrize(
     ('period', 'transport', 'lag'), [(0.005, 1, 0.0), (0.005, 2, 0.0065), (0.002, 4, 0.0), (0.002, 1, 0.004)]
 )
-def test_the_prediction_is_the_true_state_when_the_torque_acts(period, transport, lag):
-    """Of a rig that random torques move."""
+def test_the_prediction_is_the_true_state_at_the_time_when_the_torque_acts(period, transport, lag):
     delay, fine = transport * period + lag, 20
     estimator = Estimator(BALANCE, period, lag, Design.make(BALANCE, Loop(period, lag)).L)
     rig, rng = LatePlant(BALANCE, lag, (HANGING[0] + 0.2, 0.1)), np.random.default_rng(1)
@@ -43,7 +42,7 @@ def test_after_a_gap_the_speed_is_at_most_distance_over_time():
 
 
 @pytest.mark.parametrize('transport', [1, 2, 5])
-def test_the_transport_of_torques_is_measured_and_disobedience_noticed_within_a_tenth_of_a_second(transport):
+def test_the_latency_of_commands_is_measured_and_ignored_commands_are_detected_within_a_tenth_of_a_second(transport):
     monitor, rng, torques = CommandMonitor(0.005), np.random.default_rng(2), [0.0] * transport
     for k in range(200):
         assert monitor.obeyed(torques[k])

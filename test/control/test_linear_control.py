@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Linearisation against the equations of motion, margins against the closed loop and against a simulated rig."""
+"""Linearisation, compared with the equations of motion, and margins, compared with the closed loop."""
 
 import math
 
@@ -15,7 +15,7 @@ from pendubot_identification.model.parameters import BALANCE, PAPER
 
 
 @pytest.mark.parametrize('rig', [PAPER, BALANCE])
-def test_upright_nothing_moves_and_the_slope_is_that_of_the_equations_of_motion(rig):
+def test_the_linearisation_is_the_jacobian_of_the_equations_of_motion_at_the_upright_equilibrium(rig):
     def rates(x):
         return np.concatenate([x[2:4], forward_dynamics(rig.vector(), x[:2], x[2:4], x[4:])])
 
@@ -26,7 +26,7 @@ def test_upright_nothing_moves_and_the_slope_is_that_of_the_equations_of_motion(
 
 
 @pytest.mark.parametrize(('rate', 'lag'), [(200, 0.0013), (500, 0.011)])
-def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
+def test_the_closed_loop_is_unstable_exactly_beyond_the_margins(rate, lag):
     design = Design.make(BALANCE, Loop(1 / rate, lag))
     m = margins(design)
 
@@ -44,6 +44,6 @@ def test_margins_are_where_the_closed_loop_ceases_to_be_stable(rate, lag):
         assert radius(**inside) < 1 < radius(**outside)
 
 
-def test_what_is_too_slow_to_balance_is_said():
+def test_a_loop_too_slow_to_balance_is_refused():
     with pytest.raises(ControlError, match='too slow to hold this rig upright'):
         margins(Design.make(BALANCE, Loop(0.05, 2.95)))

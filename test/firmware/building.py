@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Compiles the firmware for tests; where a compiler or QEMU is missing, the test is skipped and says so."""
+"""Compiles the firmware for tests; skips a test with the reason if a compiler or QEMU is missing."""
 
 import fcntl
 import shutil
@@ -18,13 +18,13 @@ SANITIZERS = ('-g', '-O1', '-fsanitize=address,undefined', '-fno-sanitize-recove
 
 
 def need(program, package):
-    """Skip the test where a program is missing."""
+    """Skip the test if a program is missing."""
     if shutil.which(program) is None:
         pytest.skip(f'{program} is not installed (Debian: {package})')
 
 
 def compiled(target, *sources, options=(), language='c'):
-    """Compile sources for this computer, under sanitizers; return the program's path."""
+    """Compile sources for this computer with sanitizers; return the program's path."""
     compiler, standard = COMPILERS[language]
     need(compiler, compiler)
     words = [compiler, standard, *WARNINGS, *SANITIZERS, *options, '-I', FIRMWARE, *sources, '-o', target, '-lm']
@@ -34,10 +34,10 @@ def compiled(target, *sources, options=(), language='c'):
 
 
 def made(*targets):
-    """Let make build something in firmware/, and return the folder with what was built."""
+    """Run make in firmware/ with these targets; return the build folder."""
     need('make', 'make')
     with open(FIRMWARE / 'Makefile') as makefile:
-        # One at a time, where several processes test.
+        # Test processes may run in parallel.
         fcntl.flock(makefile, fcntl.LOCK_EX)
         done = subprocess.run(['make', '-C', FIRMWARE, *targets], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The board in C, and the one in QEMU, for all tests of this folder."""
+"""The board in C and the board in QEMU."""
 
 import pytest
 

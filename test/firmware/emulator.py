@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The STM32F4's program on QEMU's netduinoplus2, and a hand that reaches into its memory, as a debugger does."""
+"""The STM32F4's program on QEMU's netduinoplus2, with access to its memory through the debugger."""
 
 import contextlib
 import os
@@ -16,7 +16,7 @@ from pendubot_identification.link.protocol import Decoder
 
 from .building import made, need
 
-#: Where QEMU's memory has the number that goes into the board's boot_id.
+#: Address of the number from which the board computes its boot_id.
 SEED = 0x2001FFFC
 
 
@@ -24,10 +24,10 @@ class Emulator:
     """A context manager around QEMU.
 
     Args:
-        folder: for its log of devices that it does not have (``-d unimp``) and its debugger's socket.
+        folder: for the log of unimplemented devices (``-d unimp``) and the debugger's socket.
 
     Attributes:
-        port: its USART, a pseudo-terminal.
+        port: the pseudo-terminal of the USART.
     """
 
     def __init__(self, folder):
@@ -54,55 +54,55 @@ class Emulator:
         self._process.wait(10)
 
     def written(self, device, offset):
-        """Return the values that were written to a register of a device that QEMU does not have, in order."""
+        """Return the values written to a register of a device that QEMU does not implement, in order."""
         pattern = rf'{device}: unimplemented device write \(size 4, offset 0x0*{offset:x}, value 0x([0-9a-f]+)\)'
         return [int(value, 16) for value in re.findall(pattern, self.log(), re.IGNORECASE)]
 
     def log(self):
-        """Return which accesses to registers that it does not have QEMU has logged."""
+        """Return QEMU's log of accesses to unimplemented registers."""
         return self._log.read_text()
 
     def place(self, symbol):
-        """Return where a function or variable lies, and its size."""
+        """Return the address and size of a function or variable."""
         names = subprocess.run(['arm-none-eabi-nm', '-S', self.elf], capture_output=True, text=True, check=True).stdout
         address, size = re.search(rf'^([0-9a-f]+) ([0-9a-f]+) \w {symbol}$', names, re.MULTILINE).groups()
         return int(address, 16) & ~1, int(size, 16)
 
     @contextlib.contextmanager
     def debugger(self):
-        """Yield a function that sends a command of the debugger's protocol and returns the answer; all stands still."""
+        """Halt the program; yield a function that sends a command of the debugger protocol and returns the answer."""
         with socket.socket(socket.AF_UNIX) as line:
             line.settimeout(10)
             line.connect(str(self._socket))
 
             def ask(command):
                 line.sendall(f'${command}#{sum(command.encode()) % 256:02x}'.encode())
-                # That it stands still now is told once more, unasked, when one connects.
-                unasked = () if command in ('s', 'c') else ('T',)
-                while (answer := packet()).startswith(unasked):
+                # At connection QEMU sends an additional stop reply.
+                unrequested = () if command in ('s', 'c') else ('T',)
+                while (answer := packet()).startswith(unrequested):
                     pass
                 return answer
 
             def packet():
-                nonlocal said
-                while (match := re.search(rb'\$([^#]*)#..', said)) is None:
-                    said += line.recv(4096)
-                said = said[match.end() :]
+                nonlocal received
+                while (match := re.search(rb'\$([^#]*)#..', received)) is None:
+                    received += line.recv(4096)
+                received = received[match.end() :]
                 line.sendall(b'+')
                 return match[1].decode()
 
-            said = b''
-            ask('qXfer:features:read:target.xml:0,fff')  # who has not asked may not touch single registers
+            received = b''
+            ask('qXfer:features:read:target.xml:0,fff')  # required for access to single registers
             yield ask
             ask('D')
 
     def patch(self, symbol, instruction):
-        """Put an instruction (16 bits) at the beginning of a function."""
+        """Write an instruction (16 bits) at the beginning of a function."""
         with self.debugger() as ask:
             assert ask(f'M{self.place(symbol)[0]:x},2:{instruction.to_bytes(2, "little").hex()}') == 'OK'
 
     def stands_at(self, symbol):
-        """Tell whether the next instruction is a function's first."""
+        """Return whether the next instruction is a function's first."""
         with self.debugger() as ask:
             return int.from_bytes(bytes.fromhex(ask('pf')), 'little') == self.place(symbol)[0]
 
@@ -120,7 +120,7 @@ class Line:
         os.write(self._file, data)
 
     def events(self, seconds, enough=lambda event: False):
-        """Return what comes within so many seconds, or until an event is enough."""
+        """Return the events within so many seconds, or until ``enough`` is true for one."""
         events, end = [], time.monotonic() + seconds
         while time.monotonic() < end:
             while self._waiting:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The firmware as a Linux program, in the place of ``virtual_board``, with its options."""
+"""Runs the firmware's Linux program in place of ``virtual_board``, with the same options."""
 
 import os
 import sys

@@ -1,6 +1,6 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* Calls pendubot_link.c as records on stdin say, and answers on stdout; link_probe.py has the other end. */
+/* Calls pendubot_link.c with the records on stdin and answers on stdout; used by link_probe.py. */
 #include "pendubot_link.h"
 
 #include <stdio.h>
@@ -13,12 +13,12 @@ static void take(void *into, size_t size)
     }
 }
 
-static void give(const void *what, size_t size)
+static void give(const void *data, size_t size)
 {
-    fwrite(what, 1, size, stdout);
+    fwrite(data, 1, size, stdout);
 }
 
-/* Bytes of their own size on the heap, so that the sanitizer sees who reads or writes beyond. */
+/* Allocates exactly these bytes, so that the sanitizer detects accesses beyond them. */
 static uint8_t *exactly(size_t size)
 {
     uint8_t *bytes = malloc(size > 0 ? size : 1);

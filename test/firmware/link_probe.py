@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The firmware's protocol in C, called in a process of its own, so that what a sanitizer finds ends only that."""
+"""The firmware's protocol in C, in a separate process that a sanitizer may end."""
 
 import struct
 import subprocess
@@ -9,13 +9,13 @@ from dataclasses import astuple
 
 from pendubot_identification.link.protocol import Arm, Command, Damaged, HelloRequest, Limits
 
-#: In the order of enum pendubot_event, from PENDUBOT_OVERLONG on.
+#: In the order of enum pendubot_event, from PENDUBOT_OVERLONG.
 REASONS = ('overlong', 'cobs', 'length', 'crc', 'version', 'type')
 _REQUEST = struct.Struct('=IIIiHHHBB')
 
 
 class LinkProbe:
-    """link_probe.c: a board's link and, apart from it, a decoder."""
+    """The program link_probe.c: a board's link and an independent decoder."""
 
     def __init__(self, program):
         self._process = subprocess.Popen(
@@ -23,9 +23,9 @@ class LinkProbe:
         )
 
     def close(self):
-        """End it; fails with what a sanitizer said."""
-        _, said = self._process.communicate()
-        assert self._process.returncode == 0, said.decode()
+        """End the program; fail with the message of a sanitizer."""
+        _, errors = self._process.communicate()
+        assert self._process.returncode == 0, errors.decode()
 
     def boot(
         self,
@@ -96,5 +96,5 @@ class LinkProbe:
 
 
 def without_version(event):
-    """An event of Python's decoder as the C code tells it: which other version a frame had is the host's concern."""
+    """Return an event of Python's decoder as the C decoder reports it, without the version of a damaged frame."""
     return Damaged(event.reason) if isinstance(event, Damaged) else event

@@ -1,6 +1,6 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* In the place of stm32f4/main.c, for a computer that has memory where the STM32F4 has registers: test_rig.py. */
+/* Replaces stm32f4/main.c on a computer with memory in place of the STM32F4's registers: test_rig.py. */
 #include "port.h"
 #include "registers.h"
 #include "rig.h"
@@ -11,7 +11,7 @@ static void probe_after_sample(void);
 #include "stm32f4/sample.c"
 #undef rig_after_sample
 
-uint32_t probe_takes; /* cycles that pass during a sample */
+uint32_t probe_takes; /* duration of a sample in cycles */
 
 static void probe_after_sample(void)
 {
@@ -34,7 +34,7 @@ uint32_t probe_samples(void)
     return samples_taken;
 }
 
-/* One byte arrives, with the flags that the USART raises. */
+/* Receives one byte with these flags of the USART. */
 void probe_hear(uint8_t byte, uint32_t flags)
 {
     USART1->DR = byte;
@@ -42,7 +42,7 @@ void probe_hear(uint8_t byte, uint32_t flags)
     USART1_IRQHandler();
 }
 
-/* Takes a sample, and sends it if the line is ready; returns its status. */
+/* Takes a sample and sends it if the line is ready; returns its status. */
 uint32_t probe_sample(bool line_ready)
 {
     SysTick_Handler();

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The bridge on the STM32F4's own program in QEMU, at 1 kHz; its other tests and trials run on that for Linux."""
+"""The bridge with the STM32F4's program in QEMU, at 1 kHz; other tests use the Linux program."""
 
 import os
 import threading
@@ -16,17 +16,17 @@ from test.rig import PATIENT
 
 from .emulator import Line
 
-#: How long the bridge runs [s]; a minute by hand: FIRMWARE_SECONDS=60.
+#: Duration [s]; for a minute set FIRMWARE_SECONDS=60.
 SECONDS = float(os.environ.get('FIRMWARE_SECONDS', '2'))
 COUNT = 2 * np.pi / 4000
 
 
 @pytest.mark.ros
-def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bridge(emulator, rig):
+def test_at_1_khz_no_sample_is_lost_and_the_boards_watchdog_trips_when_the_bridge_is_killed(emulator, rig):
     r = rig()
     r.port = emulator.port
     bridge = r.start_bridge(*PATIENT)
-    r.until_samples(1500)  # discovery is no matter of losses; what is judged begins here
+    r.until_samples(1500)  # losses count from here, after discovery
     r.until(lambda: r.diagnoses)
     before = r.values()
     assert r.call('arm').success
@@ -36,24 +36,24 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
 
     def drive():
         while not ended.wait(0.05):
-            # Gently: from one that turns over, a difference in the last digit grows to turns within a minute.
+            # Small torques: once a link turns over, the motion is chaotic and rounding errors grow.
             r.effort(rng.uniform(-0.1, 0.1))
 
     thread = threading.Thread(target=drive)
     thread.start()
     try:
-        # The board's seconds: QEMU's may be longer.
+        # By the board's clock: QEMU may run slower.
         r.until(lambda: len(r.samples) >= 1000 * SECONDS, 3 * SECONDS + 10)
         r.diagnoses.clear()
         r.until(lambda: r.diagnoses)
-        # Again, where a machine that is busy let the watchdog trip before.
+        # On a busy machine the watchdog may have tripped.
         assert r.call('arm').success
     finally:
         bridge.kill()
         ended.set()
         thread.join()
     line = Line(emulator.port)
-    # QEMU's time may run behind, with samples from before.
+    # QEMU may run behind and still send earlier samples.
     last = line.events(10, lambda e: isinstance(e, State) and e.status & Status.WATCHDOG)[-1]
     states = [e for e in line.events(10, lambda e: e.t_us > last.t_us + 100_000) if isinstance(e, State)]
     line.close()
@@ -66,7 +66,7 @@ def test_1_khz_reaches_the_bridge_whole_and_the_boards_watchdog_outlasts_the_bri
     print(f'{len(q)} samples, lost {values["lost"]}, damaged {values["damaged"]}')
     assert len(np.unique(torque)) > 10 * SECONDS
     assert all(values[count] == before[count] for count in ('lost', 'damaged', 'duplicates', 'flagged'))
-    # The same torques move the package's own plant: a sample that was lost, doubled or altered would show.
+    # The package's plant, driven by the same torques, reveals lost, doubled or altered samples.
     plant = Plant(PAPER)
     moved = [plant.q]
     for each in torque[:-1]:

@@ -1,10 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The STM32F4's program in QEMU: what it does when it faults or hangs, what it writes to the bridge, what it costs.
+"""The STM32F4's program in QEMU: faults, hangs, motor output, and computing time.
 
-QEMU has neither TIM1 nor the independent watchdog. What the program writes to them is held against the manual here;
-what they do then, only a board can show.
+QEMU has neither TIM1 nor the independent watchdog: the tests compare the written register values with the manual.
 """
 
 import re
@@ -20,10 +19,10 @@ from pendubot_identification.link.virtual_board import LIMITS
 from .building import FIRMWARE, made, need
 from .emulator import Line
 
-#: As QEMU calls them: TIM1, the watchdog (another device's name lies over it), port B.
+#: QEMU's names of TIM1, the watchdog (which another device overlaps) and port B.
 TIM1, IWDG, GPIOB = r'timer\[1\]', '(?:IWDG|I2S2ext)', 'GPIOB'
 CCR1, BDTR, BSRR = 0x34, 0x44, 0x18
-#: TIM1's BDTR while the bridge may switch, and while its output is held low.
+#: TIM1's BDTR while the motor bridge is enabled, and while its output is low.
 MAY_SWITCH, OFF = 0xB400, 0x3400
 ENDLESS_LOOP = 0xE7FE
 FEED = 0xAAAA
@@ -39,7 +38,7 @@ def line(emulator):
 
 
 def drive(line, torque=300_000):
-    """Arm; return HELLO, and the STATE of a board that obeys."""
+    """Arm and command a torque; return HELLO and the first STATE with this torque."""
     line.write(encode(HelloRequest(1, 0)))
     hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
     lock = line.events(10, lambda e: isinstance(e, State))[-1].lock
@@ -48,14 +47,14 @@ def drive(line, torque=300_000):
     return hello, line.events(10, lambda e: isinstance(e, State) and e.torque == torque)[-1]
 
 
-#: What a debugger does to it, and the fault_pc that HELLO then has: it goes on where there is no program; its stack
-#: leaves the RAM, where the fault itself would be kept. Then it depends on where the program was what it finds there.
-FAULTS = {'nowhere': ('Pf=00000060', 0x60000000), 'stack': ('Pd=10000020', None)}
+#: Debugger command and expected fault_pc: a jump to an address without memory, and a stack pointer outside the RAM,
+#: where the fault cannot be stored and fault_pc is undefined.
+FAULTS = {'no memory': ('Pf=00000060', 0x60000000), 'stack': ('Pd=10000020', None)}
 HARD_FAULT = 3
 
 
 @pytest.mark.parametrize(('fault', 'pc'), FAULTS.values(), ids=FAULTS)
-def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_disarmed(emulator, line, fault, pc):
+def test_a_processor_fault_switches_the_motor_off_and_restarts_disarmed(emulator, line, fault, pc):
     before = drive(line)[0]
     assert (before.fault_cause, before.fault_pc) == (0, 0)
     assert emulator.written(TIM1, BDTR)[-1] == MAY_SWITCH
@@ -69,20 +68,20 @@ def test_a_fault_of_the_processor_takes_the_voltage_away_and_begins_again_disarm
     assert after.t_us == 0
     stale = encode(Arm(4, 0, before.boot_id, SESSION, 1, 500))
     line.write(stale + encode(Command(4, 0, 1, 500, 300_000, session=SESSION)) + encode(HelloRequest(5, 0)))
-    heard = line.events(10, lambda e: isinstance(e, Hello))
-    later = line.events(10, lambda e: isinstance(e, State) and e.t_us > heard[-1].t_us + 50_000)
-    states = [e for e in heard + later if isinstance(e, State)]
+    answers = line.events(10, lambda e: isinstance(e, Hello))
+    later = line.events(10, lambda e: isinstance(e, State) and e.t_us > answers[-1].t_us + 50_000)
+    states = [e for e in answers + later if isinstance(e, State)]
     assert len(later) > 50
     assert not any(s.torque or s.status & ~Status.REFUSED for s in states)
     assert states[-1].refused == 2
-    assert heard[-1].fault_cause == HARD_FAULT
+    assert answers[-1].fault_cause == HARD_FAULT
     assert emulator.written(TIM1, BDTR)[-1] == OFF
     assert emulator.written(TIM1, CCR1)[-1] == 0
 
 
 @pytest.mark.parametrize(('torque', 'duty', 'pin'), [(300_000, 1050, 1 << 14), (-1_500_000, 5250, 1 << 30)])
-def test_hello_tells_limits_and_commit_and_torque_becomes_duty_and_direction(emulator, line, torque, duty, pin):
-    """U = R / k * torque = 10 V per N m, of 24 V, in 8400 steps; a disarm takes it away."""
+def test_hello_has_limits_and_commit_and_torque_sets_duty_and_direction(emulator, line, torque, duty, pin):
+    """U = R / k * torque = 10 V per N m, of 24 V, in 8400 steps; disarming sets the duty to 0."""
     hello, _ = drive(line, torque)
     assert emulator.written(TIM1, CCR1)[-1] == duty
     assert emulator.written(GPIOB, BSRR)[-1] == pin
@@ -90,15 +89,15 @@ def test_hello_tells_limits_and_commit_and_torque_becomes_duty_and_direction(emu
     line.events(10, lambda e: isinstance(e, State) and e.cmd_seq == 4)
     assert (emulator.written(TIM1, CCR1)[-1], emulator.written(TIM1, BDTR)[-1]) == (0, OFF)
     assert (hello.firmware, hello.limits, hello.torque_constant) == ('emulated 2', LIMITS, 200_000)
-    # 0 where files were changed since the last commit, or where there is none.
+    # 0 without a commit, or after changes since the last one.
     git = ('git', '-C', FIRMWARE)
     log = subprocess.run([*git, 'log', '-1', '--format=%H', '--', '.'], capture_output=True, text=True)
     changed = log.returncode or subprocess.run([*git, 'diff', '--quiet', 'HEAD', '--', '.']).returncode
     assert hello.build == (0 if changed else int(log.stdout[:8], 16))
 
 
-def test_every_interrupt_but_two_is_a_fault():
-    """Also the NMI (exception 2), by which a crystal that stops is told: QEMU has no crystal, and no NMI of it."""
+def test_every_interrupt_vector_except_two_is_the_fault_handler():
+    """Also the NMI (exception 2) of a failed crystal, which QEMU cannot raise."""
     need('arm-none-eabi-gcc', 'gcc-arm-none-eabi')
     build = made('arm')
     names = subprocess.run(['arm-none-eabi-nm', build / 'stm32f4.elf'], capture_output=True, text=True, check=True)
@@ -111,8 +110,8 @@ def test_every_interrupt_but_two_is_a_fault():
 
 
 @pytest.mark.parametrize('where', ['firmware_sample', 'rig_show'])
-def test_a_firmware_that_hangs_feeds_the_watchdog_no_more(emulator, line, where):
-    """In the interrupt or in the main loop; the watchdog then resets the chip, whose pins let go of the bridge."""
+def test_a_hanging_firmware_stops_feeding_the_watchdog(emulator, line, where):
+    """It hangs in the interrupt or in the main loop; without feeding, the watchdog resets the chip."""
     _, driven = drive(line)
     assert emulator.written(IWDG, 0)[:3] == [0xCCCC, 0x5555, FEED]
     assert (emulator.written(IWDG, 4), emulator.written(IWDG, 8)) == ([1], [200])  # 50 ms of 32 kHz / 8
@@ -121,7 +120,7 @@ def test_a_firmware_that_hangs_feeds_the_watchdog_no_more(emulator, line, where)
     assert emulator.log().count('Write of unassigned area of PPB: offset 0x42008') > 20  # a debugger's bit is cleared
     emulator.patch(where, ENDLESS_LOOP)
     for _ in range(200):
-        line.events(0.02)  # or QEMU would wait for who reads
+        line.events(0.02)  # QEMU waits for a reader
         if emulator.stands_at(where):
             break
     feeds = emulator.written(IWDG, 0).count(FEED)
@@ -134,9 +133,9 @@ def word(data):
 
 
 def instructions(emulator, symbol, then=lambda ask: None, before=lambda: None):
-    """Count those from a function's first until it returns, what it calls included, the next time it is called.
+    """Count the instructions of the next call of a function, including its callees.
 
-    ``before`` is called while the program stands still before that, ``then`` when nothing of the function has happened.
+    ``before`` is called while the program is halted before that, ``then`` at the function's first instruction.
     """
     begin, size = emulator.place(symbol)
     with emulator.debugger() as ask:
@@ -149,13 +148,13 @@ def instructions(emulator, symbol, then=lambda ask: None, before=lambda: None):
         while True:
             ask('s')
             count += 1
-            # Returned: the stack is as it was, or as before the interrupt, and this is another function.
+            # It has returned if the stack pointer is restored and another function runs.
             if word(ask('pd')) >= stack and word(ask('pf')) not in range(begin, begin + size):
                 return count
 
 
-def hear(emulator, data):
-    """Return what puts bytes into the ring of those that the USART has received."""
+def receive(emulator, data):
+    """Return a function that writes bytes into the USART's receive buffer."""
 
     def put(ask):
         ring, _ = emulator.place('received')
@@ -168,30 +167,30 @@ def hear(emulator, data):
 
 
 def test_a_sample_takes_less_than_a_fifth_of_its_period(emulator, line):
-    """Counted in QEMU, one by one. On the chip most take one cycle, some two or three."""
-    heard = {
+    """QEMU counts instructions; on the chip most take one cycle, some two or three."""
+    received = {
         'a sample': b'',
-        'with all that a line brings in 1 ms, 4 COMMANDs': 4 * encode(Command(2, 0, 1, 100)),
+        'with the 4 COMMANDs that a line transmits in 1 ms': 4 * encode(Command(2, 0, 1, 100)),
         'with a HELLO': encode(HelloRequest(1, 0)),
     }
 
     def counted(symbol, **how):
-        line.events(10, lambda _: True)  # or QEMU would wait for who reads
+        line.events(10, lambda _: True)  # QEMU waits for a reader
         return instructions(emulator, symbol, **how)
 
-    costs = {name: counted('firmware_sample', then=hear(emulator, data)) for name, data in heard.items()}
+    costs = {name: counted('firmware_sample', then=receive(emulator, data)) for name, data in received.items()}
     byte = {'before': lambda: (line.write(b'x'), time.sleep(0.05))}
     costs['the interrupt of a byte received'] = min(counted('USART1_IRQHandler', **byte) for _ in range(3))
     print(*(f'{name}: {cost} instructions' for name, cost in costs.items()), sep='\n')
-    # Everything at once, and an interrupt for each byte that comes or goes, half of all instructions in two cycles.
+    # The worst case with an interrupt for each byte received or sent; half of all instructions take two cycles.
     worst = max(costs.values()) + costs['with a HELLO'] - costs['a sample'] + 2 * 92 * 50
     print(f'at worst {worst} instructions in {PERIOD_CYCLES} cycles')
     assert costs['the interrupt of a byte received'] <= 50
     assert 5 * 1.5 * worst < PERIOD_CYCLES
 
 
-def test_stack_memory_and_flash(tmp_path):
-    """The deepest chain of calls: main loop, sample and USART interrupts on top of each other, none recursive."""
+def test_the_deepest_stack_needs_less_than_half_of_its_memory(tmp_path):
+    """The deepest chain of calls has the nested interrupts of sample and USART; none is recursive."""
     need('arm-none-eabi-gcc', 'gcc-arm-none-eabi')
     build = made('arm')
     frames = {}
@@ -201,7 +200,7 @@ def test_stack_memory_and_flash(tmp_path):
             frames[name] = int(size)
     chain = ['main', 'SysTick_Handler', 'firmware_sample', 'pendubot_sample', 'USART1_IRQHandler']
     inlined = max(frames.get(name, 0) for name in ('write_hello', 'write_frame'))
-    used = sum(frames[name] for name in chain) + inlined + 2 * 32  # what the processor pushes at an interrupt
+    used = sum(frames[name] for name in chain) + inlined + 2 * 32  # the processor's stack frames of two interrupts
     print(f'stack {used} of 4096 bytes')
     assert used * 2 < 4096
     assert 'stack_size = 4K' in (FIRMWARE / 'stm32f4/stm32f4.ld').read_text()

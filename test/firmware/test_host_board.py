@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The board that is a Linux program: its options and limits. Its faults are in benchmarks/faults."""
+"""Options and limits of the firmware's Linux program; benchmarks/faults has its faults."""
 
 import subprocess
 from dataclasses import replace
@@ -16,7 +16,7 @@ from .emulator import Line
 
 
 @pytest.mark.parametrize(
-    ('options', 'said'),
+    ('options', 'message'),
     [
         (['--rate', '0'], '--rate is 0; a number from 1 to 10000 is expected'),
         (['--fault', 'bit_flip=2'], 'bit_flip is 2; a number from 0 to 1 is expected'),
@@ -24,15 +24,15 @@ from .emulator import Line
         (['--nonsense'], 'usage: pendubot_board'),
     ],
 )
-def test_the_program_for_linux_explains_what_it_does_not_take(options, said):
+def test_invalid_options_of_the_linux_program_are_refused_with_a_message(options, message):
     need('cc', 'gcc')
     done = subprocess.run([made('host') / 'pendubot_board', *options], capture_output=True, text=True, timeout=10)
-    assert (done.returncode, said in done.stderr) == (2, True), done.stderr
+    assert (done.returncode, message in done.stderr) == (2, True), done.stderr
 
 
 @pytest.fixture
 def host_board(tmp_path):
-    """Return what starts the program for Linux with options, and gives its HELLO."""
+    """Starts the Linux program with options; returns its HELLO."""
     need('cc', 'gcc')
     started = []
 
@@ -51,7 +51,7 @@ def host_board(tmp_path):
         process.communicate(timeout=10)
 
 
-def test_the_program_for_linux_has_the_limits_of_the_package_or_those_that_are_given(host_board):
+def test_the_linux_program_has_the_packages_limits_or_the_given_ones(host_board):
     assert host_board().limits == LIMITS
     hello = host_board('--preset', 'balance', '--limit', 'max_vbus=2500', '--limit', 'max_travel2=0')
     assert hello.limits == replace(LIMITS, stall_torque=1_920_000, max_vbus=2500, max_travel2=0)

@@ -3,7 +3,7 @@
 
 """The board's side of the protocol in C, under sanitizers: example frames, damage, and each rule.
 
-Who may move the motor, and that Python's board sends the same frames, is in test_ownership.py.
+test_ownership.py tests the ownership of the motor and compares the board with Python's.
 """
 
 import os
@@ -34,7 +34,7 @@ from test.link.test_protocol import EXAMPLES, LIMITS, frames_of_the_page
 from .building import FIRMWARE, made, need
 from .link_probe import without_version
 
-#: Damaged inputs that are tried; a million by hand: FIRMWARE_INPUTS=1000000.
+#: Number of damaged inputs; for a million set FIRMWARE_INPUTS=1000000.
 INPUTS = int(os.environ.get('FIRMWARE_INPUTS', '30000'))
 PERIOD = 10_000
 #: The session that arms.
@@ -43,7 +43,7 @@ ARMED = Status.ARMED
 
 
 class Bench:
-    """The board in C, and a hand that sends requests to it at its sampling times; ``lock`` is the board's last."""
+    """The board in C with a sender of requests at its sampling times; ``lock`` is the board's last."""
 
     def __init__(self, probe, boot_id=1, **options):
         self.probe, self.boot_id, self.now, self.seq, self.lock = probe, boot_id, 0, 0, 1
@@ -77,10 +77,10 @@ class Bench:
         return self
 
 
-# The same as on the page, and as Python's decoder
+# Comparison with the protocol page and with Python's decoder
 
 
-def test_the_frames_of_the_page(probe):
+def test_the_example_frames_of_the_protocol_page_are_correct(probe):
     frames = frames_of_the_page()
     for name in ('HELLO_REQUEST', 'COMMAND', 'ARM'):
         assert probe.decode(frames[name]) == [EXAMPLES[name]]
@@ -95,7 +95,7 @@ def test_the_frames_of_the_page(probe):
 
 
 def damaged(rng):
-    """Bytes that a host did not send: frames that were altered, cut or joined, right frames of wrong bodies, noise."""
+    """Return altered, cut or joined frames, correct frames of invalid bodies, or noise."""
     kind = rng.randrange(8)
     body = struct.pack('<BBHI', rng.choice([2, 2, 5, 5, 4, 1, 3, rng.randrange(256)]), 2, rng.randrange(65536), 0)
     body += rng.randbytes(rng.choice([12, 13, 0, rng.randrange(85)]))
@@ -118,7 +118,7 @@ def damaged(rng):
     return bytes(data)
 
 
-def test_damaged_inputs_are_accepted_and_refused_as_by_pythons_decoder_however_they_are_cut(probe):
+def test_the_decoder_in_c_agrees_with_pythons_on_damaged_inputs_in_any_chunks(probe):
     rng = random.Random(int(os.environ.get('FIRMWARE_SEED', '1')))
     decoder, seen = Decoder(accept=(Command, HelloRequest, Arm)), Counter()
     for _ in range(INPUTS // 40):
@@ -134,7 +134,7 @@ def test_damaged_inputs_are_accepted_and_refused_as_by_pythons_decoder_however_t
 # The rules, one by one
 
 
-def test_it_says_hello_at_boot_and_when_asked(probe):
+def test_the_board_sends_hello_at_boot_and_on_request(probe):
     limits = Limits(1, 2, 3, 4, 5, 6, 7, 8, 9)
     log = {'fault_cause': 3, 'fault_pc': 0x08001234, 'build': 0x1A2B3C4D, 'torque_constant': 100_000}
     bench = Bench(
@@ -148,7 +148,7 @@ def test_it_says_hello_at_boot_and_when_asked(probe):
     assert [type(event) for event in bench.events()] == [Hello, Hello, State]
 
 
-def test_a_frame_that_a_restart_cut_short_takes_none_along(probe):
+def test_a_frame_truncated_by_a_restart_does_not_damage_the_next(probe):
     bench = Bench(probe)
     _, frames = probe.sample()
     assert bench.decoder.feed(frames[:-5])
@@ -157,7 +157,7 @@ def test_a_frame_that_a_restart_cut_short_takes_none_along(probe):
     assert (type(damaged), hello.boot_id, state.seq) == (Damaged, 2, 1)
 
 
-def test_confirmed_zeros_are_remembered_until_a_restart_and_change_nothing_else(probe):
+def test_confirmed_zeros_are_kept_until_a_restart_and_change_nothing_else(probe):
     bench = Bench(probe, boot_id=7).armed()
     for boot_id, bit in ((8, 0), (7, Status.ZEROED)):
         probe.receive(encode(Command(99, 0, 2, 0, 900_000, session=boot_id)), bench.now)
@@ -177,7 +177,7 @@ def test_lock_and_refused_wrap(probe):
 
 
 @pytest.mark.parametrize('start', [0, 2**32 - 55_000])
-def test_a_late_command_finds_it_disarmed_also_across_the_wrap_of_its_clock(probe, start):
+def test_the_watchdog_disarms_before_a_late_command_also_across_the_wrap_of_the_clock(probe, start):
     bench = Bench(probe)
     bench.now = start
     bench.armed().send(1, 100_000, watchdog_ms=50)
@@ -194,7 +194,7 @@ SATURATED, SLEWED = ARMED | Status.SATURATED, ARMED | Status.SLEW
 
 
 @pytest.mark.parametrize(
-    ('options', 'torque', 'given'),
+    ('options', 'torque', 'expected'),
     [
         ({'limit': 250_000}, -(2**31), [(SATURATED, -250_000)]),
         ({'limit': 250_000}, 250_001, [(SATURATED, 250_000)]),
@@ -205,10 +205,10 @@ SATURATED, SLEWED = ARMED | Status.SATURATED, ARMED | Status.SLEW
         ),
     ],
 )
-def test_torque_is_clamped_slewed_and_said_to_be_and_a_disarm_makes_it_0_at_once(probe, options, torque, given):
+def test_torque_is_clamped_and_slewed_and_zero_at_once_after_disarming(probe, options, torque, expected):
     bench = Bench(probe, **options).armed()
     bench.send(1, torque)
-    assert [(s.status, s.torque) for s in (bench.step() for _ in given)] == given
+    assert [(s.status, s.torque) for s in (bench.step() for _ in expected)] == expected
     bench.send(0)
     bench.arm(lock=bench.lock + 1)
     state = bench.step()
@@ -216,7 +216,7 @@ def test_torque_is_clamped_slewed_and_said_to_be_and_a_disarm_makes_it_0_at_once
 
 
 @pytest.mark.parametrize('fault', [bit for bit in BITS.values() if bit & FAULTS and bit != Status.EMERGENCY_STOP])
-def test_a_fault_switches_off_is_shown_until_mode_0_and_keeps_an_arm_from_arming_while_it_lasts(probe, fault):
+def test_a_fault_disarms_is_shown_until_mode_0_and_prevents_arming_while_it_lasts(probe, fault):
     bench = Bench(probe).armed()
     for faults in (fault, 0, 0):
         bench.send(1, 100_000)
@@ -229,7 +229,7 @@ def test_a_fault_switches_off_is_shown_until_mode_0_and_keeps_an_arm_from_arming
     bench.armed()
 
 
-def test_an_emergency_stop_stands_until_the_board_restarts(probe):
+def test_an_emergency_stop_lasts_until_the_board_restarts(probe):
     bench = Bench(probe).armed()
     assert bench.step(faults=Status.EMERGENCY_STOP).torque == 0
     bench.send(0)
@@ -240,7 +240,7 @@ def test_an_emergency_stop_stands_until_the_board_restarts(probe):
 
 
 def each(name, values):
-    """Readings of one quantity."""
+    """Return readings of one quantity."""
     return [{name: value} for value in values]
 
 
@@ -248,7 +248,7 @@ def each(name, values):
     ('limits', 'torque', 'readings', 'fault'),
     [
         ({}, 0, [{'faults': ~int(FAULTS) & 0xFFFFFFFF}], 0),
-        # 10 rad/s are 63.66 counts in 10 ms; a wrong count is fast twice, and a late sample has more time.
+        # 10 rad/s are 63.66 counts in 10 ms; a wrong count exceeds it twice, a late sample covers a longer time.
         ({'max_speed': 10_000}, 0, [{'enc2': 2000}, *each('enc1', range(0, 400, 63))], 0),
         ({'max_speed': 10_000}, 0, [{'enc1': 95 * k, 'late_us': 5000} for k in range(5)], 0),
         ({'max_speed': 10_000}, 0, each('enc2', range(0, -200, -64)), Status.SPEED),
@@ -262,7 +262,7 @@ def each(name, values):
             each('enc1', 5 * [2] + [5] + 4 * [7] + [3]),
             Status.STALL,
         ),
-        # Three times as long as it was too much, it cools.
+        # Cooling takes three times as long as the overload.
         (
             {'continuous_ma': 5000, 'overload_ms': 50},
             1,
@@ -272,13 +272,13 @@ def each(name, values):
         ({'max_vbus': 2600}, 0, each('vbus', (2600, 2601)), Status.OVERVOLTAGE),
     ],
 )
-def test_a_limit_is_a_fault_at_the_last_of_these_readings_and_no_earlier(probe, limits, torque, readings, fault):
+def test_a_limit_is_exceeded_at_the_last_of_these_readings_and_not_earlier(probe, limits, torque, readings, fault):
     bench = Bench(probe, limits=Limits(**limits)).armed()
     bench.send(1, torque)
     assert [bench.step(**reading).status for reading in readings] == [ARMED] * (len(readings) - 1) + [fault or ARMED]
 
 
-def test_at_the_first_sample_nothing_has_moved_wherever_the_counters_stand(probe):
+def test_the_first_sample_has_no_speed_for_any_counter_values(probe):
     bench = Bench(probe, limits=Limits(max_speed=10_000))
     assert [bench.step(enc1=1000 * k).status for k in range(5, 9)] == [0, 0, 0, Status.SPEED]
 
@@ -288,8 +288,8 @@ def test_a_sample_is_late_from_half_a_period_on(probe):
     assert [bench.step(late_us=late).status for late in (0, 5000, 0, 5001, 0)] == [0, 0, 0, Status.LATE, 0]
 
 
-def test_the_largest_limits_and_readings_overflow_nothing(probe):
-    """The sanitizer ends the probe where one does."""
+def test_the_largest_limits_and_readings_cause_no_overflow(probe):
+    """The sanitizer ends the probe at an overflow."""
     most = 2**32 - 1
     limits = Limits(most, most, most, most, most, 65535, 65535, 65535, 65535)
     bench = Bench(probe, cpr=(most, most), limit=2**31 - 1, limits=limits).armed()
@@ -302,7 +302,7 @@ def test_the_largest_limits_and_readings_overflow_nothing(probe):
                 assert (state.refused, state.status & FAULTS) == (0, 0)
 
 
-def test_damage_is_said_once_and_costs_no_frame_behind_it(probe):
+def test_a_damaged_frame_is_reported_once_and_does_not_affect_the_next(probe):
     bench = Bench(probe)
     probe.receive(b'nonsense\0' + encode(Command(5, 0, 0)))
     state = bench.step()
@@ -310,7 +310,7 @@ def test_damage_is_said_once_and_costs_no_frame_behind_it(probe):
     assert bench.step().status == 0
 
 
-def test_without_room_a_sample_is_lost_counted_and_said_once_and_a_hello_waits(probe):
+def test_on_overrun_a_sample_is_lost_and_reported_once_and_hello_is_delayed(probe):
     bench = Bench(probe)
     assert [type(event) for event in bench.events(room=133)] == [State]
     assert [type(event) for event in bench.events(room=134)] == [Hello, State]
@@ -322,8 +322,8 @@ def test_without_room_a_sample_is_lost_counted_and_said_once_and_a_hello_waits(p
     assert (bench.step().status, bench.step().status) == (Status.OVERRUN, 0)
 
 
-def test_a_flood_neither_holds_samples_up_nor_keeps_the_motor_on(probe):
-    """What a line carries in a period, ten times: noise, requests, then commands that nobody may obey."""
+def test_a_flood_of_bytes_neither_delays_samples_nor_keeps_the_motor_on(probe):
+    """Ten times the capacity of a line in a period: noise, requests, then commands without an arming."""
     bench = Bench(probe).armed()
     bench.send(1, 100_000, watchdog_ms=20)
     rng = random.Random(1)
@@ -338,12 +338,12 @@ def test_a_flood_neither_holds_samples_up_nor_keeps_the_motor_on(probe):
     assert (state.status, state.torque) == (Status.WATCHDOG, 0)
 
 
-def test_every_status_bit_of_the_header_is_that_of_the_page():
+def test_the_status_bits_of_the_c_header_are_pythons():
     header = (FIRMWARE / 'pendubot_link.h').read_text()
     bits = {name: 1 << int(bit) for name, bit in re.findall(r'PENDUBOT_(\w+) \(UINT32_C\(1\) << (\d+)\)', header)}
     assert bits == BITS
 
 
-def test_the_compilers_own_search_for_errors_finds_none():
+def test_the_compilers_static_analysis_finds_no_errors():
     need('cc', 'gcc')
     made('analyze')

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who may move the motor: random requests to both boards, in Python and in C, against each other and a model.
+"""Ownership of the motor: random requests to the boards in Python and C, compared with each other and a model.
 
-The motor may get torque only after an ARM that fits this boot, only from COMMANDs of the session that armed, within the
-watchdog, and not from the sample of any disarming on. The model predicts armed bit, torque, lock and refused requests.
+Torque needs an ARM valid for this boot and COMMANDs of the same session within the watchdog period, and ends with any
+disarming. The model predicts armed bit, torque, lock and refused requests.
 """
 
 import os
@@ -26,11 +26,11 @@ from pendubot_identification.link.virtual_board import BoardSettings, Faults, Vi
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 
-#: Frames that are sent to each board; a million by hand: OWNERSHIP_FRAMES=1000000.
+#: Number of frames to each board; for a million set OWNERSHIP_FRAMES=1000000.
 FRAMES = int(os.environ.get('OWNERSHIP_FRAMES', '20000'))
 PERIOD_US, WATCHDOG_MAX_MS, TORQUE_LIMIT, SLEW = 1000, 30, 1_000_000, 400_000
 OVER_CURRENT_US = 100_000
-#: Limits that a motion reaches, in every second boot; in the others the slew alone, which the model knows.
+#: Limits that a motion reaches, for every second boot; the others have only the slew limit, which the model includes.
 TRIPPED = {
     'torque_slew': (0, 1, 200_000),
     'max_speed': (0, 1000, 20_000),
@@ -56,8 +56,8 @@ class Model:
         self.armed, self.wanted, self.torque = False, 0, 0
         self.lock = (self.lock + 1) % 65536
 
-    def hear(self, request, now_us, fault):
-        """Take a request; return what became of it."""
+    def receive(self, request, now_us, fault):
+        """Process a request; return its outcome."""
         if isinstance(request, Command) and request.mode == 0:
             self.disarm()
             return 'disarmed'
@@ -93,7 +93,7 @@ class Model:
 
 
 class BothBoards:
-    """A boot of Python's board, and of the one in C, which reads the plant of Python's."""
+    """A boot of the boards in Python and in C, both with the plant of the board in Python."""
 
     def __init__(self, probe, clock_us, limits, faults, seed):
         settings = BoardSettings(
@@ -105,26 +105,26 @@ class BothBoards:
         )
         self._probe, self._decoder = probe, Decoder()
         self._python = VirtualBoard(Plant(PAPER), settings, faults, seed)
-        said = self._python.sample()
-        self.hello, self.state = self._decoder.feed(said)
+        frames = self._python.sample()
+        self.hello, self.state = self._decoder.feed(frames)
         options = {'limit': TORQUE_LIMIT, 'period_us': PERIOD_US, 'watchdog_max_ms': WATCHDOG_MAX_MS, 'limits': limits}
         probe.boot(self.hello.boot_id, torque_constant=self.hello.torque_constant, **options)
-        assert probe.sample(clock_us)[1] == said
+        assert probe.sample(clock_us)[1] == frames
 
     def step(self, late_us, now_us, fault, data):
-        """Let both hear bytes and take a sample; they say the same."""
+        """Send bytes to both boards and take a sample of each; the frames must be equal."""
         python, now_us = self._python, now_us % 2**32
         python.move(late_us)
         python.receive(data)
         self._probe.receive(data, now_us, fault)
-        said, read = python.sample(), python.last
-        assert self._probe.sample(now_us, read.enc1, read.enc2, read.current, read.vbus, fault)[1] == said
-        self.state = self._decoder.feed(said)[-1]
+        frames, read = python.sample(), python.last
+        assert self._probe.sample(now_us, read.enc1, read.enc2, read.current, read.vbus, fault)[1] == frames
+        self.state = self._decoder.feed(frames)[-1]
 
 
 def requests(rng, model, history):
-    """Return a few random requests; None is damaged. Many fit; others are of old boots, locks and sessions."""
-    made = []
+    """Return a few random requests, None for a damaged one; many are valid, others have old boots, locks, sessions."""
+    requests = []
     for _ in range(rng.choice([0, 1, 1, 2, 3, 6])):
         seq, kind = rng.randrange(65536), rng.random()
         session = model.session if rng.random() < 0.7 else rng.choice([0, 1, 2, 3, 0xFFFFFFFF])
@@ -132,26 +132,26 @@ def requests(rng, model, history):
         if kind < 0.45:
             mode = 1 if rng.random() < 0.95 else rng.randrange(256)
             torque = rng.choice([-(2**31), 2**31 - 1, rng.randint(-1_200_000, 1_200_000)])
-            made.append(Command(seq, 0, mode, watchdog_ms, torque, session))
+            requests.append(Command(seq, 0, mode, watchdog_ms, torque, session))
         elif kind < 0.75:
             boot_id = model.boot_id if rng.random() < 0.8 else rng.choice([0, model.boot_id ^ 1])
             lock = (model.lock + rng.choice([0, 0, 0, 0, 0, -1, 1])) % 65536
             session = rng.choice([1, 2, 3, session])
-            made.append(Arm(seq, 0, boot_id, session, lock, watchdog_ms))
+            requests.append(Arm(seq, 0, boot_id, session, lock, watchdog_ms))
         elif kind < 0.8:
             mode, session = rng.choice([(0, session), (2, model.boot_id)])
-            made.append(Command(seq, 0, mode, watchdog_ms, rng.randrange(1000), session))
+            requests.append(Command(seq, 0, mode, watchdog_ms, rng.randrange(1000), session))
         elif kind < 0.85:
-            made.append(HelloRequest(seq, 0))
+            requests.append(HelloRequest(seq, 0))
         elif kind < 0.95 and history:
-            made.append(rng.choice(history))  # once more, from this boot or an earlier one
+            requests.append(rng.choice(history))  # repeated, from this boot or an earlier one
         else:
-            made.append(None)
-    return made
+            requests.append(None)
+    return requests
 
 
 def damaged(rng):
-    """Bytes that no board obeys: a right frame with one wrong byte, or any bytes."""
+    """Return a frame with one wrong byte, or random bytes."""
     frame = bytearray(encode(Command(1, 0, 1, 500, 500_000, session=1)))
     at = rng.randrange(len(frame) - 1)
     frame[at] = frame[at] % 255 + 1
@@ -163,7 +163,7 @@ def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_tim
     seen, history, frames = Counter(), [], 0
     while frames < FRAMES:
         clock_us = start_us = rng.choice([0, 0, 2**32 - 50_000])
-        # Between the times of samples, so that rounding decides nothing.
+        # Between the times of samples, so that rounding has no effect.
         stop_us, current_us = rng.randrange(50, 4_000_000, 100), rng.randrange(50, 1_000_000, 100)
         faults = Faults(emergency_stop_at=stop_us / 1e6, over_current_at=current_us / 1e6, stuck_at=rng.random())
         modelled = rng.random() < 0.5
@@ -176,23 +176,23 @@ def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_tim
             elapsed_us = clock_us - start_us
             fault = Status.EMERGENCY_STOP if elapsed_us >= stop_us else 0
             fault |= Status.OVER_CURRENT if 0 <= elapsed_us - current_us < OVER_CURRENT_US else 0
-            heard = requests(rng, model, history)
-            data = b''.join(encode(request) if request else damaged(rng) for request in heard)
+            sent = requests(rng, model, history)
+            data = b''.join(encode(request) if request else damaged(rng) for request in sent)
             boards.step(late_us, clock_us, int(fault), data)
-            state, history = boards.state, (history + [request for request in heard if request])[-50:]
-            frames += len(heard)
+            state, history = boards.state, (history + [request for request in sent if request])[-50:]
+            frames += len(sent)
             seen.update(name for name, bit in BITS.items() if bit & state.status)
-            seen.update(model.hear(request, clock_us, fault) for request in heard)
-            was, told = model.armed, (bool(state.status & Status.ARMED), state.torque, state.lock, state.refused)
+            seen.update(model.receive(request, clock_us, fault) for request in sent)
+            was, actual = model.armed, (bool(state.status & Status.ARMED), state.torque, state.lock, state.refused)
             armed, torque = model.sample(clock_us, fault)
             seen['samples with torque'] += torque != 0
             seen['disarmed by a fault' if fault else 'disarmed by the watchdog'] += was and not armed
-            assert not modelled or told == (armed, torque, model.lock, model.refused), (heard, model.__dict__)
-            assert not (told[0] and state.status & FAULTS)
-            model.armed, model.torque, model.lock, model.refused = told
+            assert not modelled or actual == (armed, torque, model.lock, model.refused), (sent, model.__dict__)
+            assert not (actual[0] and state.status & FAULTS)
+            model.armed, model.torque, model.lock, model.refused = actual
         seen['boots'] += 1
     print(frames, 'frames:', dict(seen))
-    # Or there was nothing to be seen.
+    # Every outcome must be frequent enough.
     assert seen['refused'] > frames / 10
     assert min(seen['armed'], seen['commanded'], seen['samples with torque']) > frames / 40
     assert min(seen['disarmed by the watchdog'], seen['disarmed']) > frames / 80

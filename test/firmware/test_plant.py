@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The simulated pendubot in C moves as the package's does."""
+"""The simulated pendubot in C, compared with the package's."""
 
 import ctypes
 
@@ -34,7 +34,7 @@ def library(tmp_path_factory):
 
 @pytest.mark.parametrize(('name', 'rig'), [('plant_of_the_paper', PAPER), ('plant_to_balance', BALANCE)])
 @pytest.mark.parametrize('period', [0.001, 0.01])
-def test_it_moves_as_the_packages_simulation(library, name, rig, period):
+def test_the_plant_in_c_moves_like_the_packages_simulation(library, name, rig, period):
     c = PlantInC.from_buffer_copy(PlantInC.in_dll(library, name))
     plant = Plant(rig)
     rng = np.random.default_rng(1)

@@ -1,10 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rig's own port, ``rig.c``, ``motor.c`` and ``uart.c``, on memory in the place of registers, which QEMU lacks.
+"""The rig's port, ``rig.c``, ``motor.c`` and ``uart.c``, with memory in place of the registers, which QEMU lacks.
 
-Addresses, bits and pins are written here once more, from RM0090 and the data sheet of the STM32F405/F407. The tests
-play the hardware: they set what it would show, and read what was written.
+Addresses, bits and pins are from RM0090 and the data sheet of the STM32F405/F407. The tests simulate the hardware:
+they set input registers and read output registers.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ TIM1, TIM2, TIM3, ADC, USART1 = 0x40010000, 0x40000000, 0x40000400, 0x40012000, 
 SR, CNT, CCR1, BDTR, BRR, JDR1, JDR2 = 0x10, 0x24, 0x34, 0x44, 0x08, 0x3C, 0x40
 RCC_CR, RCC_PLLCFGR, RCC_CFGR = 0x40023800, 0x40023804, 0x40023808
 PWR_CSR, RNG_SR, FLASH_ACR = 0x40007004, 0x50060804, 0x40023C00
-#: Of BDTR: the outputs are enabled; break input enabled, active high; outputs are driven low while off.
+#: Bits of BDTR: outputs enabled; break input enabled and active high, outputs driven low while off.
 MOE, BREAK = 1 << 15, 1 << 13 | 1 << 12 | 1 << 10
 BIF, PVDO, RXNE, ORE = 1 << 7, 1 << 2, 1 << 5, 1 << 3
 PULL_UP, PULL_DOWN, ANALOG = 1, 2, 3
@@ -33,7 +33,7 @@ PINS = {
     'PA15': (1, PULL_UP), 'PB3': (1, PULL_UP), 'PB4': (2, PULL_UP), 'PB5': (2, PULL_UP), 'PA8': (1, PULL_DOWN),
     'PB12': (1, PULL_UP), 'PB6': (7, 0), 'PB7': (7, PULL_UP), 'PB0': ANALOG, 'PB1': ANALOG,
 }  # fmt: skip
-#: The cycle counter, and the register by which a pending SysTick is taken back.
+#: The cycle counter, and the register that clears a pending SysTick.
 CYCCNT, ICSR, PENDSTCLR, PERIOD_CYCLES = 0xE0001004, 0xE000ED04, 1 << 25, 168_000
 REGIONS = (0x40000000, 0x30000), (0x50060000, 0x1000), (0xE0000000, 0x50000)
 FIXED_NOREPLACE = 0x100000
@@ -55,7 +55,7 @@ class Memory:
 
 
 class Board:
-    """A rig's board that has started, with the emergency stop closed and 24 V, and a hand that commands."""
+    """A started board with 24 V and the emergency stop closed, and a sender of commands."""
 
     def __init__(self, library):
         self.registers, self.library, self._seq = Memory(), library, 0
@@ -63,7 +63,7 @@ class Board:
             ctypes.memset(start, 0, size)
         self.registers[RNG_SR] = 1
         self.quiet()
-        # The crystal and the PLL are ready at once; the processor switches over to it as soon as it is told.
+        # The crystal and the PLL are ready at once; the clock switch follows each request.
         self.registers[RCC_CR] = 1 << 17 | 1 << 25
         starting = threading.Thread(target=library.rig_start)
         starting.start()
@@ -75,29 +75,29 @@ class Board:
         library.firmware_boot()
         library.sample_start()
         ctypes.c_uint32.in_dll(library, 'probe_takes').value = 0
-        self.sample()  # of the board before, here alone, the encoders' last counts are remembered
+        self.sample()  # only in this test the encoders' last counts of the board before are in memory
 
     def quiet(self):
-        """Nothing is wrong."""
+        """Set all inputs to values without a fault."""
         self.registers.set_pin('PB12', False)
         self.registers.set_pin('PB15', True)
         self.registers[TIM1 + SR] = self.registers[PWR_CSR] = 0
         self.registers[ADC + JDR1], self.registers[ADC + JDR2] = 2048, 2708
 
-    def hear(self, data, overrun_at=None):
-        """Bytes come; with an overrun, the one behind that place is lost."""
+    def receive(self, data, overrun_at=None):
+        """Receive bytes; with an overrun, the byte after that index is lost."""
         for k, byte in enumerate(data):
             if overrun_at is None or k != overrun_at + 1:
                 self.library.probe_hear(byte, RXNE | (ORE if k == overrun_at else 0))
 
     def command(self, mode, torque=0, **given):
         self._seq += 1
-        self.hear(encode(Command(self._seq, 0, mode, 500, torque, session=SESSION)), **given)
+        self.receive(encode(Command(self._seq, 0, mode, 500, torque, session=SESSION)), **given)
 
     def arm(self):
         self._seq += 1
         boot_id, lock = self.library.probe_boot_id(), self.library.probe_lock()
-        self.hear(encode(Arm(self._seq, 0, boot_id, SESSION, lock, 500)))
+        self.receive(encode(Arm(self._seq, 0, boot_id, SESSION, lock, 500)))
 
     def sample(self, line_ready=True):
         return self.library.probe_sample(line_ready)
@@ -143,7 +143,7 @@ def board(library):
     return Board(library)
 
 
-def test_clocks_are_those_that_the_manual_allows(board):
+def test_clocks_are_within_the_limits_of_the_manual(board):
     pll, buses = board.registers[RCC_PLLCFGR], board.registers[RCC_CFGR]
     vco = 8e6 / (pll & 63) * (pll >> 6 & 511)
     assert 1e6 <= 8e6 / (pll & 63) <= 2e6
@@ -151,14 +151,14 @@ def test_clocks_are_those_that_the_manual_allows(board):
     core = vco / (2, 4, 6, 8)[pll >> 16 & 3]
     slow, fast = (core / {0: 1, 4: 2, 5: 4, 6: 8, 7: 16}[buses >> at & 7] for at in (10, 13))
     assert (core, slow, fast, vco / (pll >> 24 & 15)) == (168e6, 42e6, 84e6, 48e6)
-    assert pll >> 22 & 1, 'from the crystal'
-    assert board.registers[RCC_CR] >> 19 & 1, 'whose failure is noticed'
-    # Five wait states, caches; errata of revision A: no prefetch.
+    assert pll >> 22 & 1, 'the source is not the crystal'
+    assert board.registers[RCC_CR] >> 19 & 1, 'the clock security system is off'
+    # Five wait states, caches, no prefetch (errata of revision A).
     assert board.registers[FLASH_ACR] == 5 | 1 << 9 | 1 << 10
     assert abs(fast / board.registers[USART1 + BRR] / 921600 - 1) < 0.005
 
 
-def test_pins_are_those_of_the_data_sheet_and_of_the_wiring_table(board):
+def test_pins_agree_with_the_data_sheet_and_the_wiring_table(board):
     wired = re.findall(
         r'\bP[A-D]\d+\b', re.search(r'\| from \| to pin.*?\n\n', (ROOT / 'firmware/README.md').read_text(), re.S)[0]
     )
@@ -188,27 +188,27 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize(('bit', 'happen'), FAULTS.values(), ids=FAULTS)
-def test_each_fault_takes_the_voltage_away_until_the_host_begins_anew(board, bit, happen):
+@pytest.mark.parametrize(('bit', 'cause'), FAULTS.values(), ids=FAULTS)
+def test_each_fault_switches_the_motor_off_until_the_host_disarms_and_arms_again(board, bit, cause):
     board.drive()
-    happen(board.registers)
+    cause(board.registers)
     assert board.sample() == bit
     assert not board.motor_is_on
     board.quiet()
-    stands = bit & Status.EMERGENCY_STOP
+    persistent = bit & Status.EMERGENCY_STOP
     for _ in range(3):
         board.command(1, 300_000)
         assert board.sample() == bit
         assert not board.motor_is_on
     board.command(0)
-    assert board.sample() == stands
+    assert board.sample() == persistent
     board.arm()
     board.command(1, 300_000)
     board.sample()
-    assert board.motor_is_on == (not stands)
+    assert board.motor_is_on == (not persistent)
 
 
-def test_the_motor_is_off_until_an_arm_is_obeyed_and_after_the_watchdog(board):
+def test_the_motor_is_off_before_arming_and_after_the_watchdog_trips(board):
     assert not board.motor_is_on
     board.command(1, 300_000)
     assert board.sample() == Status.REFUSED
@@ -218,26 +218,26 @@ def test_the_motor_is_off_until_an_arm_is_obeyed_and_after_the_watchdog(board):
     assert not board.motor_is_on
 
 
-def test_an_overrun_of_the_receiver_costs_a_frame_and_one_of_the_transmitter_is_said(board):
+def test_a_receiver_overrun_damages_a_frame_and_a_transmitter_overrun_is_reported(board):
     board.command(0, overrun_at=3)
     assert board.sample() == Status.DAMAGED_FRAME
     board.drive()
     board.command(1)
-    said = [board.sample(line_ready=False) for _ in range(9)]
-    assert said[:6] == [Status.ARMED] * 6
+    states = [board.sample(line_ready=False) for _ in range(9)]
+    assert states[:6] == [Status.ARMED] * 6
     assert board.sample() & Status.OVERRUN
     assert [board.sample() & Status.OVERRUN for _ in range(2)] == [Status.OVERRUN, 0]
 
 
-def test_a_flood_fills_the_ring_and_no_more(board):
-    board.hear(bytes([7]) * 5000)
-    taken = ctypes.create_string_buffer(300)
-    assert [board.library.board_receive(taken, ctypes.c_size_t(300)) for _ in range(2)] == [256, 0]
-    assert taken.raw[:256] == bytes([7]) * 256
+def test_a_flood_of_bytes_does_not_overflow_the_receive_buffer(board):
+    board.receive(bytes([7]) * 5000)
+    buffer = ctypes.create_string_buffer(300)
+    assert [board.library.board_receive(buffer, ctypes.c_size_t(300)) for _ in range(2)] == [256, 0]
+    assert buffer.raw[:256] == bytes([7]) * 256
     board.drive()
 
 
-def test_counters_of_16_bits_are_followed_across_their_wraps(board):
+def test_16_bit_counters_are_extended_across_their_wraps(board):
     count = ctypes.c_int32 * 2
 
     def read():
@@ -254,20 +254,20 @@ def test_counters_of_16_bits_are_followed_across_their_wraps(board):
         at = read()
 
 
-def test_the_watchdog_is_fed_and_a_debugger_must_not_stop_it(board):
+def test_the_watchdog_is_fed_and_does_not_stop_in_a_debugger(board):
     """RM0090: IWDG_KR at 0x40003000; DBG_IWDG_STOP is bit 12 of DBGMCU_APB1_FZ at 0xE0042008."""
     board.registers[0xE0042008] = 0xFFFFFFFF
     board.library.watchdog_feed()
     assert (board.registers[0x40003000], board.registers[0xE0042008]) == (0xAAAA, 0xFFFFFFFF & ~(1 << 12))
 
 
-def test_a_sample_that_overruns_its_period_does_not_stretch_the_clock_and_is_told(board):
+def test_a_sample_longer_than_its_period_is_marked_late_and_does_not_delay_the_clock(board):
     takes = ctypes.c_uint32.in_dll(board.library, 'probe_takes')
 
     def sample(at_period, cycles):
-        """Begin one so many periods after the start; return time, late bit, whether a tick was taken back."""
+        """Sample so many periods after the start; return time, late bit, and whether a pending tick was cleared."""
         takes.value, board.registers[ICSR] = cycles, 0
-        # 50 cycles of latency, and near the counter's wrap.
+        # 50 cycles of latency, near the counter's wrap.
         board.registers[CYCCNT] = (start + at_period * PERIOD_CYCLES + 50) % 2**32
         status = board.sample()
         assert status & ~Status.LATE == 0
@@ -284,6 +284,6 @@ def test_a_sample_that_overruns_its_period_does_not_stretch_the_clock_and_is_tol
     assert sample(10, 1000) == (9000, False, False)
 
 
-def test_where_the_cycle_counter_stands_still_samples_are_counted(board):
+def test_without_a_running_cycle_counter_the_clock_counts_samples(board):
     at = board.library.board_micros()
     assert [board.sample() or board.library.board_micros() - at for _ in range(3)] == [1000, 2000, 3000]

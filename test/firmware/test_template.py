@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Ports to begin with: the template compiles in C and C++, and the Arduino sketch does what a host asks for."""
+"""The template for new boards compiles in C and C++, and the Arduino sketch obeys a host."""
 
 import subprocess
 
@@ -19,7 +19,7 @@ SESSION = 9
 
 @pytest.fixture(scope='module')
 def objects(tmp_path_factory):
-    """What a port links against, compiled as C."""
+    """The objects against which a port links, compiled as C."""
     folder = tmp_path_factory.mktemp('objects')
     names = 'pendubot_link', 'firmware'
     return [compiled(folder / f'{name}.o', FIRMWARE / f'{name}.c', options=['-c']) for name in names]
@@ -33,29 +33,29 @@ def test_the_template_compiles_links_and_runs(objects, tmp_path, language):
 
 
 class Sketch:
-    """The sketch with 24 V and the emergency stop closed, and a host at its line."""
+    """The sketch with 24 V and the emergency stop closed, and a host on its line."""
 
     def __init__(self, program):
         self._process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self._decoder, self._seq = Decoder(), 0
-        self.tell(f'analog {CURRENT} 2048', f'analog {SUPPLY} 2708', f'pin {STOP} 0', 'setup')
+        self.control(f'analog {CURRENT} 2048', f'analog {SUPPLY} 2708', f'pin {STOP} 0', 'setup')
 
-    def tell(self, *lines):
+    def control(self, *lines):
         self._process.stdin.write('\n'.join(lines) + '\n')
         self._process.stdin.flush()
 
     def wait(self, milliseconds):
-        """Let time pass; return what the board said, and duty and direction at the end."""
-        self.tell(f'wait {1000 * milliseconds}')
-        duty, direction, *said = map(int, self._process.stdout.readline().split())
-        return self._decoder.feed(bytes(said)), (duty, direction)
+        """Advance the time; return the board's events, and duty and direction at the end."""
+        self.control(f'wait {1000 * milliseconds}')
+        duty, direction, *data = map(int, self._process.stdout.readline().split())
+        return self._decoder.feed(bytes(data)), (duty, direction)
 
     def state(self):
         events, pwm = self.wait(4)
         return [event for event in events if isinstance(event, State)][-1], pwm
 
     def send(self, message):
-        self.tell(*(f'hear {byte}' for byte in encode(message)))
+        self.control(*(f'hear {byte}' for byte in encode(message)))
 
     def command(self, torque, mode=1):
         self.send(Command(5, 0, mode, 50, torque, session=SESSION))
@@ -78,18 +78,18 @@ def sketch(program):
     sketch.close()
 
 
-def test_the_sketch_says_hello_counts_both_encoders_and_notices_an_edge_that_it_missed(sketch):
+def test_the_sketch_sends_hello_counts_both_encoders_and_detects_a_missed_edge(sketch):
     events, pwm = sketch.wait(20)
     hello, *states = [event for event in events if isinstance(event, (Hello, State))]
     assert (hello.firmware, hello.sample_period_us, hello.limits.max_speed) == ('arduino 2', 2000, 60_000)
     assert [s.t_us for s in states[:3]] == [0, 2000, 4000]
     assert (states[-1].status, states[-1].vbus, pwm[0]) == (0, 2399, 0)
     for a, b in (1, 0), (1, 1), (0, 1), (0, 0), (1, 0):
-        sketch.tell(f'pin {SHOULDER_A} {a}', f'pin {SHOULDER_B} {b}')
-        sketch.tell(f'pin {ELBOW_A} {b}', f'pin {ELBOW_B} {a}')
+        sketch.control(f'pin {SHOULDER_A} {a}', f'pin {SHOULDER_B} {b}')
+        sketch.control(f'pin {ELBOW_A} {b}', f'pin {ELBOW_B} {a}')
     state, _ = sketch.state()
     assert (state.enc1, state.enc2, state.status) == (-5, 5, 0)
-    sketch.tell(f'quietly {ELBOW_A} 1', f'pin {ELBOW_B} 0', f'quietly {ELBOW_A} 0', f'pin {ELBOW_B} 1')
+    sketch.control(f'quietly {ELBOW_A} 1', f'pin {ELBOW_B} 0', f'quietly {ELBOW_A} 0', f'pin {ELBOW_B} 1')
     assert sketch.wait(2)[0][-1].status & Status.ENCODER_2
 
 
@@ -103,7 +103,7 @@ def test_the_sketch_says_hello_counts_both_encoders_and_notices_an_edge_that_it_
         (Status.WATCHDOG, '', 60),
     ],
 )
-def test_the_sketch_moves_the_motor_once_armed_until_a_fault_or_no_command_comes(sketch, fault, line, within_ms):
+def test_the_sketch_drives_the_armed_motor_until_a_fault_or_the_watchdog(sketch, fault, line, within_ms):
     hello = sketch.wait(20)[0][0]
     sketch.command(300_000)
     assert sketch.state()[0].refused == 1
@@ -111,9 +111,9 @@ def test_the_sketch_moves_the_motor_once_armed_until_a_fault_or_no_command_comes
     for torque, direction in (-300_000, 0), (300_000, 1):
         sketch.command(torque)
         state, pwm = sketch.state()
-        # 3 V of 23.99 V, of 4095 steps.
+        # 3 V of 23.99 V in 4095 steps.
         assert (state.status, state.torque, pwm) == (Status.ARMED, torque, (512, direction))
-    sketch.tell(line)
+    sketch.control(line)
     sketch.wait(within_ms)
     state, pwm = sketch.state()
     assert (state.status, state.torque, pwm[0]) == (fault, 0, 0)

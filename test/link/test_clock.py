@@ -1,14 +1,14 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The board's clock on the host's time line: delays only add, skew is followed, stamps never go back."""
+"""The board's clock in host time: delays are positive, skew is estimated, timestamps increase."""
 
 import numpy as np
 import pytest
 
 from pendubot_identification.link.clock import BoardClock
 
-#: Host time of the board's first sample [ns], and the delay of a sample that was not held up [s].
+#: Host time of the board's first sample [ns], and the least latency of a sample [s].
 BEGUN, DELAY = 5 * 10**12, 1e-4
 
 
@@ -17,9 +17,9 @@ def stamp(clock, t_us, arrival_ns):
 
 
 def run(clock, t, late=0.0, skew_ppm=0.0, start_us=0):
-    """Stamp samples at board times t [s] that come so much late [s]; return errors [us] against the true times.
+    """Stamp samples of board times t [s] with additional latencies [s]; return the errors of the timestamps [us].
 
-    They come in order, as bytes do: a late one holds up those behind it.
+    Samples arrive in order: a late one delays its successors.
     """
     true = np.round(t * 1e6) * (1 + skew_ppm * 1e-6)
     arrival = np.maximum.accumulate(1e3 * true + 1e9 * (DELAY + late)).astype(np.int64) + BEGUN
@@ -38,16 +38,16 @@ def jitter(t, mean_us=80.0, seed=1):
 
 
 @pytest.mark.parametrize('start_us', [0, 2**32 - 2_000_000])
-def test_jitter_does_not_reach_the_stamps_nor_does_the_counters_wrap(start_us):
+def test_timestamps_are_free_of_jitter_and_of_the_counters_wrap(start_us):
     error = run(BoardClock(), t := times(20), jitter(t), start_us=start_us)
     assert np.abs(error[100:]).max() < 20
 
 
 @pytest.mark.parametrize('skew', [-300.0, 50.0])
-def test_skew_is_found_within_seconds_and_followed(skew):
+def test_skew_is_estimated_within_seconds_and_tracked(skew):
     clock = BoardClock()
     run(clock, t := times(0.3), jitter(t), skew)
-    assert clock.skew_ppm == 0, 'nobody knows it yet'
+    assert clock.skew_ppm == 0, 'no estimate within 0.3 s'
     error = run(clock := BoardClock(), t := times(90), jitter(t), skew)
     assert np.percentile(np.abs(error[:6000] - np.median(error[:6000])), 99) < 150
     assert np.abs(error[4000:20_000]).max() < 60
@@ -56,7 +56,7 @@ def test_skew_is_found_within_seconds_and_followed(skew):
 
 
 @pytest.mark.parametrize(('skew', 'wrong'), [(900.0, 0.0), (3000.0, 0.003), (-50_000.0, -0.05)])
-def test_a_clock_that_no_crystal_explains_is_known_within_a_second_and_followed(skew, wrong):
+def test_a_rate_error_beyond_any_crystals_is_detected_within_a_second_and_tracked(skew, wrong):
     clock = BoardClock()
     run(clock, t := times(1), jitter(t), skew)
     assert clock.wrong_rate == pytest.approx(wrong, rel=0.1)
@@ -66,8 +66,8 @@ def test_a_clock_that_no_crystal_explains_is_known_within_a_second_and_followed(
 
 @pytest.mark.parametrize('rate', [100, 1000])
 @pytest.mark.parametrize('off_us', [65_536, 8000, -65_536, -30_000])
-def test_one_wrong_time_moves_no_stamp(rate, off_us):
-    """As of a timer of 16 bits that is read while it overflows."""
+def test_one_wrong_board_time_changes_no_timestamp(rate, off_us):
+    """A 16-bit timer that is read during its overflow causes such times."""
     right, wrong = BoardClock(), BoardClock()
     t = times(20, rate)
     arrivals = np.maximum.accumulate(1e9 * (t + jitter(t, 50))).astype(np.int64)
@@ -79,15 +79,14 @@ def test_one_wrong_time_moves_no_stamp(rate, off_us):
 
 
 @pytest.mark.parametrize('off_us', [40_000, -9000])
-def test_a_clock_that_jumps_is_followed_and_told(off_us):
+def test_a_step_of_the_boards_clock_is_compensated_and_counted(off_us):
     clock = BoardClock()
     stamps = [stamp(clock, 1000 * k + off_us * (k >= 500), 10**12 + 10**6 * k) for k in range(1000)]
     assert set(np.diff(stamps)) == {10**6}
     assert (clock.jumps, clock.jump_us) == (1, off_us)
 
 
-def test_a_sample_that_the_board_took_late_keeps_its_own_time():
-    """And those that were due meanwhile are left out."""
+def test_a_sample_that_the_board_took_late_keeps_its_own_time_and_missed_samples_are_left_out():
     clock, t = BoardClock(), np.delete(times(0.2), [101, 102, 103])
     t[100] += 0.003
     assert np.ptp(run(clock, t)) == 0
@@ -95,14 +94,14 @@ def test_a_sample_that_the_board_took_late_keeps_its_own_time():
 
 
 @pytest.mark.parametrize('seed', range(2))
-def test_a_busy_minute_changes_no_skew_that_is_known(seed):
+def test_a_busy_minute_does_not_change_the_estimated_skew(seed):
     clock, t = BoardClock(), times(180, 100)
     busy = 4e-3 * np.random.default_rng(seed).weibull(4, len(t))
     run(clock, t, np.where(t < 60, jitter(t, 50, seed), busy), 50.0)
     assert clock.skew_ppm == pytest.approx(50, abs=2)
 
 
-def test_one_sample_that_came_early_moves_the_line_but_does_not_turn_it():
+def test_one_early_sample_changes_the_offset_but_not_the_skew():
     clock, t = BoardClock(), times(100)
     late = 5e-4 + jitter(t, 50)
     late[70_000] = 0
@@ -112,19 +111,19 @@ def test_one_sample_that_came_early_moves_the_line_but_does_not_turn_it():
 
 
 @pytest.mark.parametrize('busy', [(1.0, 4.5), (0.6, 2.6), (7.0, 11.5)])
-def test_a_busy_machine_is_not_taken_for_skew(busy):
-    """For seconds every sample is held up by 3 ms: their own times must hardly suffer."""
+def test_latency_of_a_busy_machine_is_not_mistaken_for_skew(busy):
+    """Every sample arrives 3 ms late for seconds."""
     t = times(12)
     late = jitter(t, 50) + 3e-3 * ((t >= busy[0]) & (t < busy[1]))
     assert np.ptp(run(BoardClock(), t, late)[100:]) < 200
 
 
-def test_a_burst_that_waited_keeps_its_own_times():
+def test_buffered_samples_keep_their_own_times():
     t = times(1.5)
     assert np.ptp(run(BoardClock(), t, np.where(t < 1, 0, 1.5 - t))) == 0
 
 
-def test_a_restart_takes_the_new_clock_and_stamps_still_increase():
+def test_after_a_restart_timestamps_follow_the_new_clock_and_still_increase():
     clock = BoardClock()
     before = [stamp(clock, 10**9 + 1000 * k, 10**12 + 10**6 * k) for k in range(100)]
     clock.restart()

@@ -1,10 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The host's rules, without a port or a clock.
-
-Damaged frames and their exact counts are in benchmarks/faults.
-"""
+"""The rules of the host, without a port or a clock; benchmarks/faults counts damaged frames."""
 
 import math
 import struct
@@ -33,7 +30,7 @@ from pendubot_identification.link.protocol import (
 )
 
 HELLO = Hello(0, 0, 77, 1, 500, 4000, 2000, 1_500_000, 10_000, 'test', limits=Limits(max_speed=100_000))
-#: Of a rig whose zeros nobody has to confirm.
+#: Zeros need no confirmation.
 ASSUMED = HostConfig(confirm_zeros=False)
 
 
@@ -46,30 +43,30 @@ def texts(events):
 
 
 class Wire:
-    """A host alone, and frames made by hand."""
+    """A host that receives constructed frames."""
 
     def __init__(self, config=None, hello=HELLO, **limits):
         self.host = Host(config or ASSUMED)
         self.now, self.seq = 10**12, 0
         self.host.opened(self.now)
         if hello:
-            self.hear(replace(hello, limits=replace(hello.limits, **limits)))
+            self.receive(replace(hello, limits=replace(hello.limits, **limits)))
 
     def do(self, action, *values):
-        """Let the host do something; return its events."""
+        """Call a method of the host; return its events."""
         action(*values, self.now)
         return self.host.output.take_events()
 
-    def hear(self, message):
+    def receive(self, message):
         return self.do(self.host.receive, encode(message))
 
     def state(self, seq=None, t_us=None, step=10 * MS, **fields):
-        """The next STATE, by default 10 ms after the one before."""
+        """Receive a STATE, by default 10 ms after the last; return the events."""
         self.seq = self.seq + 1 if seq is None else seq
         t_us = 10_000 * self.seq if t_us is None else t_us
         self.now += step
         values = {'enc1': 0, 'enc2': 0, 'torque': 0, 'current': 0, 'vbus': 2400, 'cmd_seq': 0, 'status': 0, 'lock': 1}
-        return self.hear(State(self.seq, t_us, **values | fields))
+        return self.receive(State(self.seq, t_us, **values | fields))
 
     def states(self, count, **fields):
         return [event for _ in range(count) for event in self.state(**fields)]
@@ -85,7 +82,7 @@ class Wire:
         return self.do(self.host.arm)
 
     def armed(self, **state):
-        """Arm a board that shows this STATE; later ones show what was obeyed."""
+        """Arm a board with this STATE; ``obeyed`` are the fields of an obedient board's next STATE."""
         self.state(**state)
         self.arm()
         self.obeyed = state | {'status': Status.ARMED, 'cmd_seq': self.sent(Arm)[-1].seq}
@@ -94,26 +91,26 @@ class Wire:
         return self
 
     def effort(self, torque):
-        """Command a torque; return a STATE of a board that obeys."""
+        """Command a torque; return the STATE fields of an obedient board."""
         self.host.motor.effort(torque, self.now)
         return {'cmd_seq': self.sent()[-1].seq, 'torque': round(1e6 * torque), 'status': Status.ARMED}
 
     def refusal(self):
-        """Return why the motor is not armed."""
+        """Return the reason why the motor cannot be armed."""
         return only(self.arm(), ArmingEnded)[0].reason
 
 
 # Start
 
 
-def test_hello_is_asked_for_every_200_ms_until_it_came_and_silence_is_reported_once():
-    wire, asked, reports = Wire(hello=None), [], []
+def test_hello_is_requested_every_200_ms_until_it_arrives_and_silence_is_reported_once():
+    wire, requests, reports = Wire(hello=None), [], []
     for k in range(600):
-        asked += [2 * k] * len(wire.sent(HelloRequest))
+        requests += [2 * k] * len(wire.sent(HelloRequest))
         reports += [(2 * k, report.level) for report in wire.wait(2)]
-    assert asked == [0, 200, 400, 600, 800, 1000]
+    assert requests == [0, 200, 400, 600, 800, 1000]
     assert reports == [(998, Level.WARN)]
-    wire.hear(HELLO)
+    wire.receive(HELLO)
     wire.sent()
     for _ in range(49):
         wire.wait(2)
@@ -129,17 +126,17 @@ def test_hello_is_asked_for_every_200_ms_until_it_came_and_silence_is_reported_o
         ((0, 0), HELLO, (-3 * math.pi / 8, math.pi / 2)),
     ],
 )
-def test_samples_are_scaled_by_counts_per_turn_given_or_said_and_never_published_without(given, hello, q):
+def test_samples_are_scaled_by_the_configured_or_reported_counts_per_turn_and_never_published_without(given, hello, q):
     wire = Wire(HostConfig(counts_per_turn=given), hello)
     samples = only(wire.state(enc1=250, enc2=500), Sample)
     assert [sample.q for sample in samples] == ([] if q is None else [pytest.approx(q)])
     assert wire.host.counters.unscaled == (q is None)
 
 
-def test_a_hello_that_makes_no_sense_is_reported_once_asked_for_again_and_changes_nothing():
+def test_an_invalid_hello_is_reported_once_and_ignored_and_requested_again():
     wire = Wire(hello=None)
     for k, (change, text) in enumerate([({'cpr1': 0}, '0 counts'), ({'cpr1': 0}, None), ({'torque_limit': -5}, '-5')]):
-        reports = only(wire.hear(replace(HELLO, seq=k, **change)), Report)
+        reports = only(wire.receive(replace(HELLO, seq=k, **change)), Report)
         assert [(r.level, text in r.text) for r in reports] == ([(Level.ERROR, True)] if text else [])
         assert wire.host.condition(0).level == Level.ERROR
     wire.sent()
@@ -147,17 +144,17 @@ def test_a_hello_that_makes_no_sense_is_reported_once_asked_for_again_and_change
         wire.state(k)
         wire.wait(0)
     assert len(wire.sent()) == 1
-    wire.hear(replace(HELLO, seq=24))
-    assert wire.hear(replace(HELLO, seq=25)) == [], 'it introduces itself once'
-    assert 'counts per turn' in texts(wire.hear(replace(HELLO, seq=26, cpr2=0)))[0]
+    wire.receive(replace(HELLO, seq=24))
+    assert wire.receive(replace(HELLO, seq=25)) == [], 'an unchanged HELLO must not be reported'
+    assert 'counts per turn' in texts(wire.receive(replace(HELLO, seq=26, cpr2=0)))[0]
     assert wire.host.hello.cpr2 == HELLO.cpr2
-    assert '8000' in texts(wire.hear(replace(HELLO, seq=27, cpr1=8000)))[0]
+    assert '8000' in texts(wire.receive(replace(HELLO, seq=27, cpr1=8000)))[0]
 
 
 # Published
 
 
-def test_positions_velocities_and_effort():
+def test_a_sample_has_scaled_positions_velocities_and_effort():
     wire = Wire(HostConfig(sign=(1, -1), zero=(0.5, 0.25)))
     wire.state()
     noted = Status.DAMAGED_FRAME | Status.OVERRUN
@@ -168,7 +165,7 @@ def test_positions_velocities_and_effort():
     assert sample.effort == -0.25
 
 
-def test_velocity_at_1_khz_is_taken_over_ten_samples():
+def test_velocity_at_1_khz_is_computed_over_ten_samples():
     wire = Wire()
     for k in range(1, 30):
         (sample,) = only(wire.state(k, 1000 * k, enc1=4 * (k - k % 10), step=MS), Sample)
@@ -176,11 +173,11 @@ def test_velocity_at_1_khz_is_taken_over_ten_samples():
 
 
 def steady(first, count, t_us=0, step=10):
-    """Frames every 10 ms: number, board's clock [us], and how long after the last one they come [ms]."""
+    """Return frames every 10 ms: number, board's clock [us], and time since the last arrival [ms]."""
     return [((first + k) % 65_536, (t_us + 10_000 * k) % WRAP, step) for k in range(count)]
 
 
-#: As after a process stood still: a wrap among what waited.
+#: Frames that were buffered while the process was suspended, across a wrap of the clock.
 WAITED = [*steady(1000, 100, WRAP - 1_050_000), (1100, WRAP - 50_000, 60_000), *steady(1101, 7, WRAP - 40_000, step=0)]
 
 
@@ -193,33 +190,33 @@ WAITED = [*steady(1000, 100, WRAP - 1_050_000), (1100, WRAP - 50_000, 60_000), *
             {'lost': 1, 'duplicates': 1, 'out_of_order': 1},
         ),
         (steady(65_500, 100), [(65_500 + k) % 65_536 for k in range(100)], {}),
-        # The program was stopped for 40 s at 1 kHz: numbers go more than half round, unheard.
+        # The program was suspended for 40 s at 1 kHz: the numbers pass half their range.
         (
             [(100, 0, 1), (40_000, 40_000_000, 40_000), (40_001, 40_001_000, 1), (39_999, 39_999_000, 1)],
             [100, 40_000, 40_001],
             {'lost': 39_899, 'out_of_order': 1},
         ),
-        # Numbers and clock are more than half round after a silence, whose frames are not counted.
+        # Numbers and clock pass half their range during a silence, whose frames are not counted as lost.
         ([(1, 10_000, 10), None, (40_000, 2_400_000_000, 2_400_000)], [1, 40_000], {'link_losses': 1}),
         ([*WAITED, (7099, 59_940_000, 0)], [*(seq for seq, *_ in WAITED), 7099], {'lost': 5991}),
     ],
 )
-def test_frames_are_published_once_in_order_and_what_is_missing_is_counted(frames, published, counted):
-    wire, found = Wire(hello=replace(HELLO, seq=frames[0][0] - 1)), []
+def test_frames_are_published_once_in_order_and_missing_frames_are_counted(frames, published, counted):
+    wire, seqs = Wire(hello=replace(HELLO, seq=frames[0][0] - 1)), []
     for each in frames:
         if each is None:
             wire.wait(200)
             wire.wait(10)
         else:
             seq, t_us, step = each
-            found += [seq] * len(only(wire.state(seq, t_us, step=step * MS), Sample))
-    assert found == published
+            seqs += [seq] * len(only(wire.state(seq, t_us, step=step * MS), Sample))
+    assert seqs == published
     c = wire.host.counters
     wanted = {'lost': 0, 'duplicates': 0, 'out_of_order': 0, 'restarts': 0, 'link_losses': 0} | counted
     assert {name: getattr(c, name) for name in wanted} == wanted
 
 
-def test_five_in_a_row_are_believed_and_reported():
+def test_a_jump_of_position_is_accepted_and_reported_after_five_consistent_samples():
     wire = Wire()
     wire.state()
     wire.states(4, enc2=20_000)
@@ -229,7 +226,7 @@ def test_five_in_a_row_are_believed_and_reported():
     assert [len(only(e, Report)) for e in events] == [0, 0, 0, 0, 1, 0, 0]
     assert only(events[-2], Sample)[0].qd == pytest.approx((0.0, 2 * math.pi * 10 / 2000 / 0.01))
     assert (wire.host.counters.flagged, wire.host.counters.jumps) == (9, 1)
-    # A joint that goes on too fast is reported once.
+    # Continued overspeed is reported once.
     assert not [e for k in range(14, 40) for e in wire.state(enc2=20_000 * k)]
 
 
@@ -244,15 +241,15 @@ def test_arming_fails_at_once_without_port_board_or_hello_and_in_a_fault():
     wire.do(wire.host.opened)
     wire.state()
     assert 'HELLO' in wire.refusal()
-    wire.hear(replace(HELLO, seq=2))
+    wire.receive(replace(HELLO, seq=2))
     wire.state(3, status=Status.EMERGENCY_STOP)
     wire.arm()
-    # It asked the board to forget a fault that may be over, and waits for the answer.
+    # The host requests a reset of the fault and waits for the answer.
     events = wire.state(status=Status.EMERGENCY_STOP, cmd_seq=wire.sent()[-1].seq, lock=2)
     assert 'emergency stop' in only(events, ArmingEnded)[0].reason
 
 
-def test_arming_fails_after_half_a_second_and_ends_disarmed():
+def test_arming_times_out_after_half_a_second_and_ends_disarmed():
     wire, failed = Wire(), []
     wire.state()
     begun = wire.now
@@ -268,22 +265,22 @@ def test_a_state_from_before_this_arming_does_not_count():
     wire.sent()
     wire.state(status=Status.ARMED, cmd_seq=9999)
     (disarm,) = wire.sent()
-    assert disarm.mode == Mode.DISARM, 'a board that somebody else left armed'
+    assert disarm.mode == Mode.DISARM
     wire.arm()
     assert only(wire.state(status=Status.ARMED, cmd_seq=9999), ArmingEnded) == []
-    assert wire.sent() == [], 'the board has to be disarmed first'
+    assert wire.sent() == [], 'the board must be disarmed first'
     wire.state(cmd_seq=disarm.seq, lock=2)
     (request,) = wire.sent(Arm)
     assert (request.lock, request.boot_id) == (2, HELLO.boot_id)
     assert only(wire.state(status=Status.ARMED, cmd_seq=request.seq, lock=2), ArmingEnded) == [ArmingEnded()]
-    assert wire.arm() == [ArmingEnded()], 'it is armed already'
+    assert wire.arm() == [ArmingEnded()]
 
 
-# Who owns the motor
+# Ownership of the motor
 
 
 @pytest.mark.parametrize(
-    ('change', 'said'),
+    ('change', 'text'),
     [
         ({'cmd_seq': 40_000}, 'the board executes frame 40000, which this host did not send'),
         ({'lock': 3}, 'another program commands it'),
@@ -293,19 +290,19 @@ def test_a_state_from_before_this_arming_does_not_count():
         ({'status': 0, 'cmd_seq': 40_000, 'lock': 2, 'torque': 0}, 'another program disarmed the board'),
     ],
 )
-def test_a_state_that_differs_from_what_was_sent_disarms_at_once(change, said):
+def test_a_state_that_contradicts_the_commands_disarms_at_once(change, text):
     wire = Wire().armed()
     expected = wire.effort(0.5)
     assert not texts(wire.state(**expected))
     reports = only(wire.state(**expected | change), Report)
-    assert any(said in report.text and report.level is Level.ERROR for report in reports)
+    assert any(text in report.text and report.level is Level.ERROR for report in reports)
     assert not wire.host.armed
     assert wire.sent()[-1].mode == Mode.DISARM
-    assert said in wire.host.condition(wire.now).text
+    assert text in wire.host.condition(wire.now).text
 
 
 @pytest.mark.parametrize('torque', [0, 200_000, 500_000])
-def test_a_torque_that_is_slewed_or_of_a_command_before_is_as_expected(torque):
+def test_a_slewed_torque_or_the_torque_of_the_previous_command_is_accepted(torque):
     wire = Wire().armed()
     first, second = wire.effort(0.5), wire.effort(0.1)
     for expected in (first, second):
@@ -316,20 +313,19 @@ def test_a_torque_that_is_slewed_or_of_a_command_before_is_as_expected(torque):
 
 @pytest.mark.parametrize('state', [{'status': Status.ARMED, 'cmd_seq': 7}, {'torque': 300_000}])
 def test_a_board_that_does_not_obey_the_request_to_disarm_is_reported_until_it_does(state):
-    """Armed by another program, or with a torque for no reason."""
     wire, reports = Wire(), []
     wire.sent()
     for _ in range(79):
         reports += wire.state(**state) + wire.wait(0)
     requests = wire.sent()
-    assert len(requests) == 16, 'it is repeated'
+    assert len(requests) == 16
     assert ['ignores the request' in text for text in texts(reports)] == [False, True]
     assert wire.host.condition(wire.now).level is Level.ERROR
     wire.state(cmd_seq=requests[0].seq)
     assert wire.host.condition(wire.now).level is Level.WARN
 
 
-def test_it_stays_armed_when_the_numbers_of_commands_wrap():
+def test_the_host_stays_armed_when_command_numbers_wrap():
     wire = Wire().armed()
     wire.host.output.seq = 65_500
     for _ in range(100):
@@ -338,7 +334,7 @@ def test_it_stays_armed_when_the_numbers_of_commands_wrap():
     assert wire.host.armed
 
 
-def test_requests_that_the_board_refuses_are_another_programs_unless_they_were_sent_before_a_restart():
+def test_refused_requests_are_attributed_to_another_program_except_after_a_restart():
     wire, health = Wire(), Health()
     wire.state()
     wire.state(status=Status.REFUSED, refused=3)
@@ -348,14 +344,14 @@ def test_requests_that_the_board_refuses_are_another_programs_unless_they_were_s
     wire.states(108, refused=3)
     assert wire.arm() == []
     wire = Wire().armed()
-    wire.hear(replace(HELLO, seq=0, boot_id=78))
+    wire.receive(replace(HELLO, seq=0, boot_id=78))
     for k in (1, 2):
         wire.state(k, status=Status.REFUSED, refused=2 * k)
     assert wire.host.counters.foreign_requests == 0
 
 
 @pytest.mark.parametrize('own', [True, False])
-def test_a_mode_0_that_comes_late_ends_no_arming_and_that_of_another_does(own):
+def test_a_late_disarm_request_ends_no_arming_unless_another_program_sent_it(own):
     wire = Wire().armed()
     wire.do(wire.host.motor.disarm)
     wire.wait(60)
@@ -366,14 +362,14 @@ def test_a_mode_0_that_comes_late_ends_no_arming_and_that_of_another_does(own):
     assert [request.lock for request in wire.sent(Arm)] == ([2, 3] if own else [2])
 
 
-def test_an_older_board_is_named_and_not_armed():
+def test_a_board_with_an_older_protocol_is_reported_and_not_armed():
     wire = Wire(hello=None)
     data = struct.pack('<BBHIiiihHHH', 1, 1, 1, 10_000, 0, 0, 0, 0, 2400, 0, 0)
     reports = [r for _ in range(3) for r in only(wire.do(wire.host.receive, frame(data)), Report)]
     assert [report.level for report in reports] == [Level.ERROR]
     assert 'version 1 of the protocol, and this bridge version 2: flash' in reports[0].text
     assert 'version 1' in wire.refusal()
-    wire.hear(HELLO)
+    wire.receive(HELLO)
     wire.state()
     assert wire.host.condition(wire.now).level is Level.OK
 
@@ -382,7 +378,7 @@ def test_an_older_board_is_named_and_not_armed():
 
 
 @pytest.mark.parametrize(
-    ('config', 'limits', 'said'),
+    ('config', 'limits', 'text'),
     [
         ({'max_speed': 60.0}, {}, 'max_speed is 60, and the board has a limit of 100'),
         ({}, {'max_speed': 0}, 'max_speed is 100, and the board has no limit'),
@@ -390,11 +386,11 @@ def test_an_older_board_is_named_and_not_armed():
         ({'max_travel': (0.0, 9.0)}, {}, 'max_travel of the elbow is 9, and the board has no limit'),
     ],
 )
-def test_a_board_with_looser_limits_than_the_users_is_not_armed(config, limits, said):
+def test_a_board_with_looser_limits_than_the_users_is_not_armed(config, limits, text):
     wire = Wire(replace(ASSUMED, **config), **limits)
     wire.state()
-    assert said in wire.refusal()
-    assert said in wire.host.condition(wire.now).text
+    assert text in wire.refusal()
+    assert text in wire.host.condition(wire.now).text
 
 
 @pytest.mark.parametrize(
@@ -405,7 +401,7 @@ def test_a_board_with_looser_limits_than_the_users_is_not_armed(config, limits, 
         ({'stall_torque': 400_000, 'stall_ms': 50}, lambda k: {}, 'stall'),
     ],
 )
-def test_a_limit_that_the_board_does_not_keep_disarms(limits, state, named):
+def test_a_limit_that_the_board_does_not_enforce_disarms(limits, state, named):
     wire, reports, k = Wire(**limits).armed(), [], 0
     obeyed = wire.effort(0.5)
     while wire.host.armed and (k := k + 1) < 20:
@@ -414,7 +410,7 @@ def test_a_limit_that_the_board_does_not_keep_disarms(limits, state, named):
     assert f'a limit is exceeded ({named}), and the board does not switch off' in reports[0]
 
 
-def test_the_board_is_told_of_confirmed_zeros_until_it_says_so_and_what_it_says_counts_for_every_host():
+def test_confirmed_zeros_are_sent_until_acknowledged_and_the_boards_state_counts_for_every_host():
     wire = Wire(HostConfig())
     closed = Host()
     closed.closed('the port x is missing', 0)
@@ -427,15 +423,15 @@ def test_the_board_is_told_of_confirmed_zeros_until_it_says_so_and_what_it_says_
     wire.states(6)
     wire.states(4, status=Status.ZEROED)
     assert [(c.mode, c.session) for c in wire.sent()] == 2 * [(Mode.CONFIRM_ZEROS, HELLO.boot_id)]
-    wire.hear(replace(HELLO, seq=170, boot_id=78))
+    wire.receive(replace(HELLO, seq=170, boot_id=78))
     wire.state(171, 1000)
-    wire.hear(replace(HELLO, seq=172, boot_id=78))
+    wire.receive(replace(HELLO, seq=172, boot_id=78))
     assert 'let both links hang at rest' in wire.refusal()
     wire.state(173, 21_000, status=Status.ZEROED)
     assert wire.arm() == []
 
 
-def test_a_wrong_time_is_counted_and_a_wrong_rate_is_told_within_a_second():
+def test_a_wrong_timestamp_is_counted_and_a_wrong_clock_rate_is_reported_within_a_second():
     wire, health = Wire(), Health()
     for k in range(1, 200):
         wire.state(k, 10_000 * k + (65_536 if k in (100, 150) else 0))
@@ -444,15 +440,15 @@ def test_a_wrong_time_is_counted_and_a_wrong_rate_is_told_within_a_second():
     fast = Wire(hello=replace(HELLO, sample_period_us=10_500))
     (report,) = [r for k in range(1, 100) for r in only(fast.state(k, 10_500 * k), Report)]
     assert "the board's clock runs 4.8 % fast" in report.text
-    assert fast.host.condition(fast.now) == Report(Level.WARN, report.text), 'as long as it is so'
+    assert fast.host.condition(fast.now) == Report(Level.WARN, report.text)
 
 
 # Commanding
 
 
-@pytest.mark.parametrize(('wanted', 'longest'), [(40, 500), (400, 40)])
-def test_at_least_two_commands_for_each_watchdog_period_the_boards_or_the_configured(wanted, longest):
-    wire, sent = Wire(replace(ASSUMED, watchdog_ms=wanted), replace(HELLO, watchdog_max_ms=longest)).armed(), []
+@pytest.mark.parametrize(('configured', 'longest'), [(40, 500), (400, 40)])
+def test_at_least_two_commands_are_sent_per_watchdog_period_of_the_board_or_the_configuration(configured, longest):
+    wire, sent = Wire(replace(ASSUMED, watchdog_ms=configured), replace(HELLO, watchdog_max_ms=longest)).armed(), []
     for _ in range(200):
         for _ in range(5):
             wire.wait(2)
@@ -463,7 +459,7 @@ def test_at_least_two_commands_for_each_watchdog_period_the_boards_or_the_config
 
 
 @pytest.mark.parametrize(('configured', 'limit'), [(0.3, 300_000), (5.0, 1_200_000)])
-def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_it_goes_on(configured, limit):
+def test_torque_is_clamped_to_the_smaller_limit_and_clamping_is_reported_once(configured, limit):
     wire = Wire(replace(ASSUMED, torque_limit=configured), replace(HELLO, torque_limit=1_200_000)).armed()
     health, reports = Health(), []
     for k in range(200):
@@ -480,8 +476,8 @@ def test_torque_is_clamped_to_the_smaller_limit_and_that_is_reported_once_while_
 
 @pytest.mark.parametrize('pause', [0, 300_000, 7 * MS, 600 * MS])
 @pytest.mark.parametrize('timeout', [0.001, 0.004, 0.1, 0.5])
-def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeout, pause):
-    # Samples a second apart: nothing else tells the host what time it is.
+def test_polling_only_at_next_poll_ends_the_torque_exactly_at_the_command_timeout(timeout, pause):
+    # Samples a second apart, so that only polls advance the host's time.
     hello = replace(HELLO, sample_period_us=1_000_000, watchdog_max_ms=10_000)
     wire = Wire(replace(ASSUMED, command_timeout=timeout, watchdog_ms=10_000), hello).armed()
     poll, commanded, torque = wire.now, wire.now + pause, 0
@@ -494,11 +490,11 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
     assert poll == commanded + round(timeout * 1e9)
 
 
-# What disarms
+# Causes of disarming
 
 
 @pytest.mark.parametrize(
-    ('happens', 'told', 'counted'),
+    ('event', 'text', 'counted'),
     [
         (lambda wire: [e for _ in range(12) for e in wire.wait(10)], 'link lost', {'link_losses': 1}),
         (
@@ -522,22 +518,22 @@ def test_one_who_polls_only_when_told_takes_the_torque_back_at_its_moment(timeou
             {'not_finite': 1},
         ),
         (
-            lambda wire: wire.hear(replace(HELLO, seq=2, boot_id=78)),
+            lambda wire: wire.receive(replace(HELLO, seq=2, boot_id=78)),
             'the board restarted',
             {'restarts': 1, 'lost': 0},
         ),
     ],
 )
-def test_it_disarms_reports_once_and_stays_disarmed_until_told_again(happens, told, counted):
+def test_the_host_disarms_reports_once_and_stays_disarmed_until_the_next_call_to_arm(event, text, counted):
     wire = Wire().armed()
     wire.sent()
-    events = happens(wire)
+    events = event(wire)
     assert not wire.host.armed
     disarm = next(command for command in wire.sent(Command) if command.mode == Mode.DISARM)
     events += wire.do(wire.host.motor.effort, 0.5) + wire.states(60, cmd_seq=disarm.seq, lock=2)
     assert not wire.host.armed
     assert Mode.TORQUE not in [command.mode for command in wire.sent(Command)]
-    assert len([text for text in texts(events) if text.startswith(told)]) == 1
+    assert len([report for report in texts(events) if report.startswith(text)]) == 1
     assert {name: getattr(wire.host.counters, name) for name in counted} == counted
     wire.armed(cmd_seq=disarm.seq, lock=2)
 
@@ -551,12 +547,12 @@ SLOW = replace(HELLO, sample_period_us=1_000_000)
         (HostConfig(), HELLO, 0, 100),
         (HostConfig(), replace(HELLO, sample_period_us=100_000), 0, 500),
         (HostConfig(link_timeout=1.0), HELLO, 0, 1000),
-        # However slow HELLO says that it is; after ten samples the period is the one that they show.
+        # An armed link is lost after 500 ms for any period in HELLO; after ten samples the measured period counts.
         (ASSUMED, SLOW, 2, 500),
         (ASSUMED, SLOW, 13, 100),
     ],
 )
-def test_a_link_is_silent_for_100_ms_five_periods_or_as_configured_and_an_armed_one_not_for_long(
+def test_a_link_is_lost_after_100_ms_five_periods_or_the_configured_time_and_an_armed_one_after_500_ms(
     config, hello, armed_samples, longest_ms
 ):
     wire = Wire(config, hello)
@@ -570,20 +566,20 @@ def test_a_link_is_silent_for_100_ms_five_periods_or_as_configured_and_an_armed_
     assert not armed_samples or wire.sent(Command)[-1].mode == Mode.DISARM
 
 
-def test_a_board_that_answers_but_does_not_sample_is_lost_once():
+def test_a_board_that_answers_without_samples_is_reported_lost_once():
     wire, reports = Wire(), []
     wire.state()
     for seq in range(2, 22):
         for _ in range(20):
             reports += wire.wait(10)
-        reports += wire.hear(replace(HELLO, seq=seq))
+        reports += wire.receive(replace(HELLO, seq=seq))
     assert ['link lost' in report.text for report in reports] == [True]
     assert wire.host.condition(0) == Report(Level.ERROR, 'no valid sample arrives from the board')
     assert texts(wire.state(22, 20_000)) == ['the board sends again']
     assert wire.host.link == 'up'
 
 
-def test_a_program_that_was_held_up_reads_first_before_it_calls_the_link_lost():
+def test_a_suspended_program_reads_buffered_frames_before_it_reports_a_lost_link():
     wire = Wire().armed()
     wire.wait(0)
     wire.wait(500)
@@ -593,8 +589,8 @@ def test_a_program_that_was_held_up_reads_first_before_it_calls_the_link_lost():
 
 
 @pytest.mark.parametrize('boot_id', [HELLO.boot_id, 78])
-def test_a_closed_port_disarms_and_needs_a_new_hello(boot_id):
-    """Of the board that was there before, which is still armed, or of one that had no power meanwhile."""
+def test_a_closed_port_disarms_and_requires_a_new_hello(boot_id):
+    """The same boot is still armed; another boot identifier is a board that lost power meanwhile."""
     wire, restarted = Wire().armed(), boot_id != HELLO.boot_id
     wire.do(wire.host.closed, 'the port was lost')
     assert wire.host.condition(0) == Report(Level.ERROR, 'the port was lost')
@@ -603,7 +599,7 @@ def test_a_closed_port_disarms_and_needs_a_new_hello(boot_id):
     assert not only(wire.state(50, **{} if restarted else wire.obeyed), Sample)
     (disarm,) = wire.sent(Command)
     assert disarm.mode == Mode.DISARM
-    wire.hear(replace(HELLO, seq=51, boot_id=boot_id))
+    wire.receive(replace(HELLO, seq=51, boot_id=boot_id))
     wire.state(52, cmd_seq=disarm.seq, lock=2)
     assert (wire.host.counters.restarts, wire.host.counters.lost) == (restarted, 0)
     assert wire.host.condition(0) == Report(Level.WARN, 'disarmed: the link was lost; arm again when it is safe')
@@ -611,26 +607,26 @@ def test_a_closed_port_disarms_and_needs_a_new_hello(boot_id):
     assert wire.host.condition(0) == Report(Level.OK, 'armed')
 
 
-def test_the_first_request_is_heard_whatever_the_host_before_left_unfinished():
-    host, heard = Host(), Decoder(accept=(Command, HelloRequest))
-    heard.feed(encode(Command(1, 0, Mode.TORQUE, 100, 0))[:-5])
+def test_the_first_request_is_decoded_after_an_unfinished_frame_of_an_earlier_host():
+    host, board = Host(), Decoder(accept=(Command, HelloRequest))
+    board.feed(encode(Command(1, 0, Mode.TORQUE, 100, 0))[:-5])
     host.opened(0)
-    assert isinstance(heard.feed(host.output.take_data())[-1], HelloRequest)
+    assert isinstance(board.feed(host.output.take_data())[-1], HelloRequest)
 
 
-def test_a_port_that_fails_again_and_again_is_said_once_until_something_was_heard():
+def test_repeated_failures_of_a_port_are_reported_once_until_a_frame_arrives():
     wire = Wire()
     reports = texts(wire.do(wire.host.closed, 'it was lost'))
-    for heard in (*20 * (False,), True):
+    for received in (*20 * (False,), True):
         wire.do(wire.host.opened)
-        if heard:
+        if received:
             wire.state()
         reports += texts(wire.do(wire.host.closed, 'it was lost'))
     assert reports == 2 * ['it was lost']
     assert wire.host.counters.link_losses == 2
 
 
-def test_a_fault_that_comes_and_goes_is_reported_once():
+def test_an_intermittent_fault_is_reported_once():
     wire, reports = Wire(), []
     for k in range(1, 400):
         reports += texts(wire.state(status=Status.UNDERVOLTAGE * (k % 2) | Status.ENCODER_1 * (k == 101)))
@@ -640,12 +636,12 @@ def test_a_fault_that_comes_and_goes_is_reported_once():
 
 
 @pytest.mark.parametrize('before_us', [50_000, 9_000_000, WRAP - 2_400_000_000])
-def test_a_restart_is_no_wrap_however_near_the_clock_was_to_it(before_us):
+def test_a_restart_is_not_mistaken_for_a_wrap_of_the_clock(before_us):
     wire = Wire(hello=replace(HELLO, seq=39_999))
     wire.state(40_000, WRAP - before_us - 10_000, enc1=3000)
     wire.state(40_001, WRAP - before_us, enc1=3000)
     wire.state(1, 100)
     assert wire.host.counters.restarts == 1
-    # The counts began anew, too.
-    wire.hear(replace(HELLO, seq=2))
+    # The counters were reset, too.
+    wire.receive(replace(HELLO, seq=2))
     assert len(only(wire.state(3, 20_100), Sample)) == 1

@@ -1,10 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The bytes: what is encoded is decoded, in any pieces; what is damaged is dropped, and told.
-
-That a thousand damaged frames yield no wrong sample, and are counted exactly, benchmarks/faults shows.
-"""
+"""Encoding and decoding of frames; benchmarks/faults counts a thousand damaged ones."""
 
 import re
 from itertools import pairwise
@@ -47,7 +44,7 @@ STATE = State(7, 123456, 4000, -1, -1_000_000, -250, 2400, 3, Status.ARMED | Sta
 
 
 def frames_of_the_page():
-    """The examples of docs/protocol.md, by their names, and as frames."""
+    """Return the example frames of docs/protocol.md by name."""
     page = (ROOT / 'docs/protocol.md').read_text()
     rows = re.findall(r'^\| (HELLO_REQUEST|COMMAND|ARM|STATE|HELLO) .* \| `([0-9a-f ]+)` \|$', page, re.MULTILINE)
     return {name: bytes.fromhex(frame) for name, frame in rows}
@@ -65,12 +62,12 @@ EXAMPLES = {
 }  # fmt: skip
 
 
-def test_the_frames_of_the_page():
+def test_the_example_frames_of_the_protocol_page_are_correct():
     assert {name: encode(message) for name, message in EXAMPLES.items()} == frames_of_the_page()
 
 
 @given(messages)
-def test_what_is_encoded_is_decoded(message):
+def test_decoding_inverts_encoding(message):
     data = encode(message)
     assert data.count(0) == 1
     assert len(data) <= MAX_FRAME + 1
@@ -81,7 +78,7 @@ def test_what_is_encoded_is_decoded(message):
     st.lists(st.one_of(messages.map(encode), st.binary(max_size=120), st.binary(max_size=3).map(lambda b: b + b'\0'))),
     st.data(),
 )
-def test_the_events_are_the_same_for_every_chunking(pieces, data):
+def test_decoding_does_not_depend_on_the_chunks_of_the_stream(pieces, data):
     stream = b''.join(pieces)
     whole = Decoder(ALL).feed(stream)
     bytewise = Decoder(ALL)
@@ -107,14 +104,14 @@ def test_the_events_are_the_same_for_every_chunking(pieces, data):
         (b'\xffabc\0', 'cobs'),
     ],
 )
-def test_what_makes_no_sense_is_damaged_and_delimiters_alone_are_nothing(data, reason):
+def test_an_invalid_frame_is_reported_with_the_reason_and_empty_frames_are_ignored(data, reason):
     assert Decoder().feed(data + bytes(10) + encode(STATE) + bytes(3)) == [
         Damaged(reason, 3 if reason == 'version' else 0),
         STATE,
     ]
 
 
-def test_a_flood_without_delimiters_is_counted_once_and_not_kept():
+def test_a_long_stream_without_delimiters_is_counted_once_and_discarded():
     decoder = Decoder()
     events = [event for _ in range(100) for event in decoder.feed(b'x' * 1000)]
     assert events == [Damaged('overlong')]

@@ -1,10 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A real port object on a real pseudo-terminal: read at once, opened again, held alone.
-
-Ports that come and go, and a virtual board in real time, are in benchmarks/faults.
-"""
+"""A real port on a real pseudo-terminal: reading, reopening, exclusive use; benchmarks/faults has lost ports."""
 
 import errno
 import os
@@ -28,8 +25,8 @@ from pendubot_identification.model.simulation import Plant
 from test.processes import Program
 
 
-class Ear:
-    """Keeps what a link says, and waits for it."""
+class Receiver:
+    """Collects the data and events of a link."""
 
     def __init__(self, port):
         self.data, self.arrivals, self.closed, self.opened = b'', [], [], 0
@@ -65,7 +62,7 @@ class Ear:
 
 
 class Pty:
-    """A pseudo-terminal behind a link, as a device is behind a udev link."""
+    """A pseudo-terminal behind a symbolic link, like a device behind a udev link."""
 
     def __init__(self, link):
         self.master, slave = pty.openpty()
@@ -86,22 +83,22 @@ def port(tmp_path):
     return tmp_path / 'board'
 
 
-def test_bytes_arrive_with_their_time_and_go_out_and_older_ones_are_not_heard(port):
+def test_bytes_are_received_with_arrival_times_and_sent_and_stale_ones_are_discarded(port):
     device = Pty(port)
     os.write(device.master, b'stale' * 1000)
-    with Ear(port) as ear:
-        ear.wait(lambda e: e.opened)
+    with Receiver(port) as receiver:
+        receiver.wait(lambda e: e.opened)
         before = time.monotonic_ns()
         os.write(device.master, b'\x00hello\r\n\x03\x11\x13')
-        ear.wait(lambda e: e.data == b'\x00hello\r\n\x03\x11\x13')
-        assert before <= ear.arrivals[0] <= time.monotonic_ns()
-        assert ear.link.write(b'\x00out\r\n\x04')
+        receiver.wait(lambda e: e.data == b'\x00hello\r\n\x03\x11\x13')
+        assert before <= receiver.arrivals[0] <= time.monotonic_ns()
+        assert receiver.link.write(b'\x00out\r\n\x04')
         assert os.read(device.master, 100) == b'\x00out\r\n\x04'
         device.unplug()
 
 
-def test_bytes_that_came_while_they_were_read_do_not_seem_to_have_come_before_they_were_sent(port, monkeypatch):
-    """As when this process loses the processor between waking up and reading."""
+def test_the_arrival_time_of_bytes_is_never_before_their_sending(port, monkeypatch):
+    """More bytes arrive between waking up and reading."""
     device, sent = Pty(port), []
     read = os.read
 
@@ -111,17 +108,17 @@ def test_bytes_that_came_while_they_were_read_do_not_seem_to_have_come_before_th
             sent.append(time.monotonic_ns())
         return read(descriptor, size)
 
-    with Ear(port) as ear:
-        ear.wait(lambda e: e.opened)
+    with Receiver(port) as receiver:
+        receiver.wait(lambda e: e.opened)
         monkeypatch.setattr('pendubot_identification.link.serial_port.os.read', late)
         os.write(device.master, b'first')
-        ear.wait(lambda e: e.data == b'firstsecond')
-        assert ear.arrivals[-1] >= sent[0]
+        receiver.wait(lambda e: e.data == b'firstsecond')
+        assert receiver.arrivals[-1] >= sent[0]
 
 
 @pytest.mark.parametrize('wrong', ['/dev/null', __file__, 'nonsense://x', 'hwgrep://[', 'loop://x?foo=1'])
-def test_what_is_no_serial_port_is_told_once_in_a_sentence_and_tried_again(port, monkeypatch, wrong):
-    """pyserial raises re.error and KeyError, too."""
+def test_an_invalid_port_is_reported_once_in_a_sentence_and_opening_is_repeated(port, monkeypatch, wrong):
+    """For these, pyserial raises various exceptions, such as re.error and KeyError."""
     device, path, tried, true_open = Pty(port), wrong, threading.Semaphore(0), serial.serial_for_url
 
     def opening(_, *args, **given):
@@ -129,24 +126,22 @@ def test_what_is_no_serial_port_is_told_once_in_a_sentence_and_tried_again(port,
         return true_open(path, *args, **given)
 
     monkeypatch.setattr(serial, 'serial_for_url', opening)
-    with Ear(wrong) as ear:
+    with Receiver(wrong) as receiver:
         assert all(tried.acquire(timeout=10) for _ in range(3))
         path = str(port)
-        ear.wait(lambda e: e.opened)
-        (said,) = ear.closed
-        assert re.fullmatch(rf'the port {re.escape(wrong)} cannot be opened \(.+\); set port to .*', said)
+        receiver.wait(lambda e: e.opened)
+        (reason,) = receiver.closed
+        assert re.fullmatch(rf'the port {re.escape(wrong)} cannot be opened \(.+\); set port to .*', reason)
         device.unplug()
 
 
 def forbidden(*_, **__):
-    """As a user may not open it; the one of these tests may be root, who may."""
+    """Fail like opening without permission, also for root."""
     raise serial.SerialException(errno.EACCES, 'could not open port')
 
 
-@pytest.mark.parametrize(('trouble', 'said'), [('busy', '(process {})'), ('forbidden', 'dialout'), ('missing', 'port')])
-def test_a_port_in_trouble_is_told_once_with_its_holder_or_the_remedy_and_opened_later(
-    port, monkeypatch, trouble, said
-):
+@pytest.mark.parametrize(('trouble', 'text'), [('busy', '(process {})'), ('forbidden', 'dialout'), ('missing', 'port')])
+def test_an_unusable_port_is_reported_once_with_the_remedy_and_opened_later(port, monkeypatch, trouble, text):
     device, tried, true_open = Pty(port), threading.Semaphore(0), serial.serial_for_url
     holder = serial.Serial(str(port), exclusive=True) if trouble == 'busy' else None
     if trouble == 'missing':
@@ -159,45 +154,45 @@ def test_a_port_in_trouble_is_told_once_with_its_holder_or_the_remedy_and_opened
         return present(*args, **given)
 
     monkeypatch.setattr(serial, 'serial_for_url', opening)
-    with Ear(port) as ear:
+    with Receiver(port) as receiver:
         assert all(tried.acquire(timeout=10) for _ in range(3))
         if holder:
             holder.close()
         if trouble == 'missing':
             port.symlink_to(device.slave)
         present = true_open
-        ear.wait(lambda e: e.opened)
-        (reason,) = ear.closed
+        receiver.wait(lambda e: e.opened)
+        (reason,) = receiver.closed
         assert trouble in reason
-        assert said.format(os.getpid()) in reason
+        assert text.format(os.getpid()) in reason
         device.unplug()
 
 
-def test_a_frame_that_was_cut_short_does_not_take_the_next_along(port):
+def test_a_truncated_frame_does_not_damage_the_next(port):
     device = Pty(port)
     host = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    writer, decoder, heard = FrameWriter(host), Decoder(), []
+    writer, decoder, received = FrameWriter(host), Decoder(), []
 
-    def hear(count):
-        while len(heard) < count:
+    def receive(count):
+        while len(received) < count:
             assert select.select([device.master], [], [], 10)[0]
-            heard.extend(e.seq for e in decoder.feed(os.read(device.master, 4096)) if isinstance(e, State))
+            received.extend(e.seq for e in decoder.feed(os.read(device.master, 4096)) if isinstance(e, State))
 
     frames = [encode(State(k, 0, -1, -1, -1, -1, 1, 1, 1)) for k in range(2000)]
     whole = [k for k, frame in enumerate(frames) if writer.write(frame)]
     assert len(whole) < len(frames)
-    hear(len(whole))
+    receive(len(whole))
     assert writer.write(frames[0])
-    hear(len(whole) + 1)
+    receive(len(whole) + 1)
     os.close(host)
-    assert heard == [*whole, 0]
+    assert received == [*whole, 0]
     device.unplug()
 
 
 # The other end
 
 
-def test_a_host_that_does_not_read_is_told_of_the_overrun(port, tmp_path, each_board):
+def test_the_board_reports_an_overrun_while_the_host_does_not_read(port, tmp_path, each_board):
     trace = tmp_path / 'trace.csv'
 
     def wait(condition):
@@ -211,7 +206,7 @@ def test_a_host_that_does_not_read_is_told_of_the_overrun(port, tmp_path, each_b
 
     with Program('virtual_board', '--link', port, '--rate', 1000, '--trace', trace) as board:
         board.wait_for('virtual board on')
-        wait(overrun)  # nobody is there
+        wait(overrun)  # without a reader
         device = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         opened = len(trace.read_text())
         wait(lambda: ',0\n' in trace.read_text()[opened:])

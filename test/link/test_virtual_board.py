@@ -1,11 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The virtual board's plant, faults and settings.
-
-The rules of arming, sessions, watchdog, torque and limits are tested in test/firmware/: on the board in C one by one,
-on both boards against a model and against each other (test_ownership.py).
-"""
+"""The virtual board's plant, faults and settings; test/firmware/ has the rules of arming, watchdog and limits."""
 
 import math
 
@@ -19,7 +15,7 @@ from pendubot_identification.model.simulation import Plant
 
 
 class Bench:
-    """A virtual board that is armed, and a hand that sends commands to it."""
+    """An armed virtual board, and a sender of commands."""
 
     def __init__(self, faults=None, plant=None):
         self.board, self.decoder = VirtualBoard(plant or Plant(PAPER), faults=faults), Decoder()
@@ -41,7 +37,7 @@ class Bench:
         self.board.receive(encode(Command(2, 0, 1, 100, torque, session=5)))
 
 
-def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant():
+def test_the_torque_is_constant_between_samples_and_drives_the_plant():
     bench = Bench()
     bench.torque(300_000)
     first = bench.step()
@@ -51,7 +47,7 @@ def test_the_torque_is_held_from_its_sample_until_the_next_and_moves_the_plant()
     assert bench.step().enc1 == round((reference.q[0] + math.pi / 2) * 4000 / (2 * math.pi)) != 0
 
 
-def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_stop():
+def test_a_restart_resets_everything_except_the_motion_and_ends_an_emergency_stop():
     bench = Bench(Faults(emergency_stop_at=0.05, reset_at=0.5), Plant(PAPER, q=(-1.0, 0.3)))
     first = bench.hello
     assert bench.step(48).status == Status.EMERGENCY_STOP
@@ -64,7 +60,7 @@ def test_a_restart_begins_everything_anew_but_the_motion_and_ends_an_emergency_s
     bench.arm(hello, state)
 
 
-def test_a_payload_is_put_on_and_taken_off_where_the_rig_is():
+def test_a_payload_is_added_and_removed_without_changing_the_position():
     board, fellow = VirtualBoard(Plant(PAPER, (0.3, 0.4))), Plant(PAPER, (0.3, 0.4))
     for rig, payload in ((PAPER.carrying(0.02), 0.02), (PAPER, 0.0)):
         board.carry(payload)
@@ -75,7 +71,7 @@ def test_a_payload_is_put_on_and_taken_off_where_the_rig_is():
         assert board._plant.q == pytest.approx(fellow.q, abs=1e-12)
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
+def test_the_seed_determines_the_bytes():
     faults = Faults(bit_flip=0.2, drop_byte=0.2, double_byte=0.2, lose_frame=0.1, duplicate_frame=0.1, glitch=0.1)
 
     def stream(seed):
@@ -96,6 +92,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others():
         (Limits, 'stall_ms', 70_000),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(kind, name, value):
+def test_invalid_settings_are_refused(kind, name, value):
     with pytest.raises(ParameterError, match=f'{name} is {value:g}'):
         BoardSettings(limits=Limits(**{name: value})) if kind is Limits else kind(**{name: value})

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Nodes of the tests' own, and a bag."""
+"""Nodes for tests, and a simulated bag."""
 
 from dataclasses import asdict
 
@@ -13,7 +13,7 @@ from pendubot_identification.results.result_file import SCHEMA
 
 
 def written(path, parameters):
-    """Write parameters as the file of a result, and return it."""
+    """Write parameters to a result file and return its path."""
     values = {name: {'value': value} for name, value in asdict(parameters).items()}
     path.write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
     return path
@@ -21,7 +21,6 @@ def written(path, parameters):
 
 @pytest.fixture
 def node(ros):
-    """A node that hears and publishes what a test wants."""
     node = ros.create_node('test_node')
     yield node
     node.destroy_node()
@@ -29,7 +28,7 @@ def node(ros):
 
 @pytest.fixture
 def stranger(ros):
-    """A node of another program, which publishes what only one program may."""
+    """A node that publishes on topics that belong to another program."""
     node = ros.create_node('stranger', namespace='elsewhere')
     yield node
     node.destroy_node()

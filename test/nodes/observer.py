@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A node that hears what programs publish of a rig's parameters and of themselves, and calls their services."""
+"""A node that subscribes to parameters and diagnostics, and calls services."""
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParameters
@@ -13,12 +13,12 @@ from test.processes import call, spin_until
 
 
 def values(status):
-    """The values of a status by name."""
+    """Return the values of a status by name."""
     return {pair.key: pair.value for pair in status.values}
 
 
 class Observer:
-    """Joins when it is made; ``params`` and ``quality`` are of its namespace, ``statuses`` of all programs."""
+    """Subscribes at construction; ``params`` and ``quality`` are of its namespace, ``statuses`` of all programs."""
 
     def __init__(self, ros, namespace=''):
         self.node = ros.create_node('listener', namespace=namespace)
@@ -37,17 +37,17 @@ class Observer:
         assert spin_until(self.node, condition, timeout), (self.quality[-1:], self.params[-1:], self.statuses[-3:])
 
     def status(self, name):
-        """The last status of a program on /diagnostics, None if there is none."""
+        """Return the last status of a program on /diagnostics, or None."""
         return next((each for each in reversed(self.statuses) if each.name == name), None)
 
     def call(self, kind, name, **request):
-        """Call a service; its client stays, for to discover the server takes longer than the call."""
+        """Call a service; the client is kept because discovery takes longer than the call."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, name)
         return call(self.node, self._clients[name], kind.Request(**request))
 
     def set(self, node, **given):
-        """Set parameters of a node; return the first answer that refuses, or the last."""
+        """Set parameters of a node; return the first refusal, or the last result."""
         messages = [Parameter(name, value=value).to_parameter_msg() for name, value in given.items()]
         results = self.call(SetParameters, f'{node}/set_parameters', parameters=messages).results
         return next((result for result in results if not result.successful), results[-1])

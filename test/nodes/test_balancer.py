@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The balancer with a real bridge and the virtual board, each in its own process; the trace of the board tells."""
+"""The balancer with a real bridge and the virtual board, each in its own process."""
 
 import signal
 
@@ -19,7 +19,7 @@ from test.rig import ARMED, PATIENT, WATCHDOG
 
 pytestmark = pytest.mark.ros
 EFFORT, PARAMS = '/pendubot/effort_command', '/pendubot/params'
-#: How old a sample may be [s] on a machine that does other work.
+#: Largest age of a sample [s] on a busy machine.
 PATIENCE = 2.0
 GENTLE = {'arm': 'true', 'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.05, 'amplitude_max': 0.15}
 
@@ -32,14 +32,14 @@ def rig(ros, tmp_path):
 
 
 def patient(rig, **place):
-    """Start a board, a bridge and a balancer that outlast other work of the machine; return the balancer."""
+    """Start a board, a bridge and a balancer with long timeouts; return the balancer."""
     rig.start_board(**place)
     rig.start_bridge(*PATIENT)
     return rig.start('balancer', *parameters(max_age=PATIENCE))
 
 
 def begin_and_hold(rig):
-    """Start the balancer's work, and wait until it has held the rig for a while."""
+    """Start balancing and wait until the motor has been armed for 1 s."""
     rig.begin()
     rig.until(lambda: rig.armed_for() > 1.0, 20.0)
 
@@ -50,9 +50,7 @@ def stays_disarmed(rig):
     return not (rig.trace()[cut:, 4] & ARMED).any()
 
 
-def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_when_told_or_at_those_that_no_rig_has(
-    rig,
-):
+def test_it_waits_for_parameters_balances_adopts_new_ones_and_disarms_at_stop_or_unphysical_parameters(rig):
     balancer = patient(rig)
     balancer.wait_for('waiting: no parameters were received on pendubot/params')
     rig.publish(level=2, message='useless')
@@ -78,12 +76,12 @@ def test_it_waits_for_parameters_holds_the_rig_takes_new_parameters_and_lets_go_
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
 
 
-def test_when_bridge_board_or_balancer_fail_all_stops_and_nothing_begins_again(rig):
+def test_a_failure_of_bridge_board_or_balancer_stops_the_motor_for_good(rig):
     balancer = patient(rig)
     board, bridge, _ = rig.programs
     rig.publish()
     begin_and_hold(rig)
-    # Halted, it passes neither samples nor commands: the board's watchdog stops the motor; later it goes on.
+    # A halted bridge forwards neither samples nor commands: the board's watchdog stops the motor.
     bridge.halt()
     rig.until(lambda: rig.trace()[-1, 4] & WATCHDOG, 30.0)
     tripped = len(rig.trace())
@@ -103,22 +101,22 @@ def test_when_bridge_board_or_balancer_fail_all_stops_and_nothing_begins_again(r
 
     begin_and_hold(rig)
     balancer.kill()
-    # Armed still, at torque 0 after the command timeout.
+    # The motor is still armed, at zero torque after the command timeout.
     rig.until(lambda: not rig.trace()[-200:, 3].any())
     assert rig.trace()[-1, 4] & ARMED
     assert rig.call('disarm').success
     rig.publish()
     rig.start('balancer').wait_for('prepared')
-    assert stays_disarmed(rig), 'another balancer does not arm on its own'
+    assert stays_disarmed(rig), 'a restarted balancer must not arm by itself'
 
 
 def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_another_program(rig):
     balancer = patient(rig, start='hanging', spread=0.0)
     rig.publish()
     balancer.wait_for('prepared', 60.0)
-    # One that another test killed counts for a while.
+    # A publisher that another test killed counts until its lease ends.
     rig.until(lambda: not rig.node.count_publishers(EFFORT))
-    # Beside an idle balancer an exciter begins, and goes on.
+    # An idle balancer does not keep an exciter from running.
     exciter = rig.start('exciter', *parameters(**GENTLE))
     exciter.wait_for('exciting')
     refused = rig.call('/balancer/start')
@@ -133,7 +131,7 @@ def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_a
     assert exciter.stop() == 0
     rig.begin()
     rig.until(lambda: rig.node.count_publishers(EFFORT) == 1)
-    # An exciter that comes while it drives gives way, and disarms nothing.
+    # An exciter that starts while the balancer drives ends without disarming.
     cut = len(rig.trace())
     exciter = rig.start('exciter', *parameters(**GENTLE))
     exciter.wait_for(f'{EFFORT} has 1 publisher: /balancer;')
@@ -145,7 +143,7 @@ def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_a
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
 
 
-def test_it_takes_nothing_from_inputs_with_two_publishers_and_stops_at_a_second_one_of_joint_states(rig, stranger):
+def test_inputs_with_two_publishers_are_ignored_and_a_second_publisher_of_joint_states_stops_it(rig, stranger):
     def foreign_parameters():
         publisher = stranger.create_publisher(Float64MultiArray, PARAMS, LATCHED)
         publisher.publish(Float64MultiArray(data=[3.0 * value for value in BALANCE.vector()]))
@@ -173,7 +171,7 @@ def test_it_takes_nothing_from_inputs_with_two_publishers_and_stops_at_a_second_
         assert refuses_to_start(topic, own)
         stranger.destroy_publisher(second)
     begin_and_hold(rig)
-    # While it moves, parameters of a second publisher change nothing.
+    # While the balancer drives, parameters of a second publisher have no effect.
     prepared = balancer.output.count('prepared')
     foreign_parameters()
     balancer.wait_for('a message was ignored: /pendubot/params has 2 publishers')

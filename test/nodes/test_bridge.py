@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The bridge as it is used: its own process, a virtual board in another on a real pty, and ROS in between."""
+"""The bridge in its own process, with a virtual board on a real pty, observed through ROS."""
 
 import signal
 
@@ -21,10 +21,10 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.mark.usefixtures('each_board')
-def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_for_good(rig):
+def test_the_bridge_arms_only_by_service_and_a_signal_disarms_it_for_good(rig):
     r = rig(200, '--torque-limit', '0.5')
     r.start_board()
-    # A machine that is busy is to trip no watchdog.
+    # Long timeouts, so that a busy machine trips no watchdog.
     bridge = r.start_bridge('watchdog_ms:=1000', 'link_timeout:=2.0')
     r.until_samples()
     end = len(r.samples) + 40
@@ -34,13 +34,13 @@ def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_f
     answer = r.call('arm')
     assert (answer.success, answer.message) == (True, 'armed')
     r.drive_until(0.3, lambda: r.samples[-1][6] == 0.3)
-    r.drive_until(0.3, lambda: r.message.effort[2] == 3.0)  # of a motor of 0.1 N m/A
+    r.drive_until(0.3, lambda: r.message.effort[2] == 3.0)  # torque constant 0.1 N m/A
     assert r.message.name == ['shoulder', 'elbow', 'shoulder_current']
     assert {len(r.message.position), len(r.message.velocity), len(r.message.effort)} == {3}
-    # Ten times the limit: the smaller limit, the board's, is what the motor gets.
+    # Ten times the board's limit, which is the smaller one: the torque is limited to it.
     r.drive_until(5.0, lambda: r.samples[-1][6] == 0.5)
     assert r.trace()[:, 3].max() == 500_000
-    # The commander stops: torque 0, still armed, reported.
+    # Commands stop: zero torque, still armed, reported.
     r.until(lambda: r.samples[-1][6] == 0.0)
     r.until(lambda: r.diagnosed(1, 'no effort command'))
     assert r.trace()[-1, 4] == ARMED
@@ -48,14 +48,14 @@ def test_it_is_armed_only_after_arm_obeys_until_disarm_and_disarms_at_a_signal_f
     r.until(lambda: r.trace()[-1, 4] == 0)
     assert r.call('arm').success
     r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
-    # Nobody arms it again while it ends.
+    # A call to arm during shutdown has no effect.
     client = r.node.create_client(r.trigger, '/bridge/arm')
     assert client.wait_for_service(10)
     bridge.process.send_signal(signal.SIGTERM)
     r.until(lambda: client.call_async(r.trigger.Request()) and bridge.process.poll() is not None)
     assert bridge.process.returncode == 0
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
-    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
+    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'disarmed by the watchdog instead of by command'
     assert r.trace()[-1, 3] == 0
     assert 'Traceback' not in bridge.output
 
@@ -85,19 +85,19 @@ def test_the_torque_limit_may_be_lowered_while_it_runs_and_raised_only_while_dis
     assert set(r.trace()[:, 3]) == {0, 200_000, 300_000, 500_000}
 
 
-#: A bridge in which something fails as soon as the motor is armed.
+#: A bridge in which a method fails as soon as the motor is armed.
 BROKEN = """
 import sys
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host
 from pendubot_identification.nodes import bridge
 
-whole = {place}
+original = {place}
 
 def broken(*args):
     if next(each for each in args if isinstance(each, Host)).armed:
         raise AttributeError('this is broken')
-    return whole(*args)
+    return original(*args)
 
 {place} = broken
 sys.argv += ['--ros-args', '-p', 'port:={port}', '-p', 'watchdog_ms:=5000', '-p', 'confirm_zeros:=false']
@@ -106,7 +106,7 @@ sys.exit(bridge.main())
 
 
 @pytest.mark.parametrize('place', ['Host.poll', 'Health.diagnose'])
-def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path, place):
+def test_an_unexpected_exception_disarms_and_ends_the_bridge_with_status_1(rig, tmp_path, place):
     r = rig()
     r.start_board()
     program = tmp_path / 'broken_bridge.py'
@@ -120,12 +120,11 @@ def test_a_failure_of_its_housekeeping_disarms_and_ends_it_with_1(rig, tmp_path,
     assert bridge.process.returncode == 1
     bridge.wait_for('AttributeError: this is broken; run again with --debug to see where')
     r.until(lambda: (r.trace()[:, 4] & ARMED).any() and not r.trace()[-1, 4] & ARMED)
-    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
+    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'disarmed by the watchdog instead of by command'
 
 
-def test_a_missing_port_is_waited_for_and_diagnostics_name_every_counter(rig):
-    """Trials of benchmarks/faults lose and find it again."""
-    # Glitches that follow each other closely are a speed, too.
+def test_the_bridge_waits_for_a_missing_port_and_diagnostics_contain_every_counter(rig):
+    # Glitches that follow each other closely are a speed, too: no speed limit.
     faults = ('bit_flip=0.05', 'glitch=0.02', 'duplicate_frame=0.05')
     r = rig(200, '--limit', 'max_speed=0', *(word for fault in faults for word in ('--fault', fault)))
     r.start_bridge()
@@ -143,14 +142,14 @@ def test_a_missing_port_is_waited_for_and_diagnostics_name_every_counter(rig):
     assert values['link'] == 'up'
 
 
-def test_a_computers_clock_that_is_set_meanwhile_is_reported_once_and_stands_in_the_diagnosis(ros, capfd):
+def test_setting_the_computers_clock_is_reported_once_and_stays_in_the_diagnosis(ros, capfd):
     bridge, node = Bridge(Shutdown()), rclpy.create_node('clock_listener')
-    told = []
-    node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: told.append(array.status[0].message), 10)
+    texts = []
+    node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: texts.append(array.status[0].message), 10)
     with running(bridge):
-        # As if the computer had started a day ago, without knowing the time.
+        # As if the computer had started a day ago with an unset clock.
         bridge._epoch_ns -= 86_400 * 10**9
-        assert spin_until(node, lambda: sum('set by +86400.00 s' in text for text in told) >= 2)
+        assert spin_until(node, lambda: sum('set by +86400.00 s' in text for text in texts) >= 2)
         assert capfd.readouterr().err.count("computer's clock") == 1
         bridge.end()
         bridge._close()

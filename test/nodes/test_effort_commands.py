@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The motor has one owner: the bridge disarms at a second publisher of effort commands, and applies no old one."""
+"""The motor has one owner: the bridge disarms at a second publisher of effort commands."""
 
 import math
 
@@ -16,7 +16,7 @@ TOPIC, JOINT_TOPIC = '/pendubot/effort_command', '/pendubot/joint_commands'
 #: [micro-N m], as in the board's trace.
 OWN, OTHER = 100_000, 400_000
 RIVALS = f'{TOPIC} has 2 publishers: /elsewhere/stranger, /listener; only one program may publish there: end the others'
-#: Fast DDS forgets a program that was killed after 3 s.
+#: Fast DDS removes a killed program after 3 s.
 LEASE = """
 <dds xmlns="http://www.eprosima.com"><profiles>
   <participant profile_name="short" is_default_profile="true"><rtps><builtin><discovery_config>
@@ -28,7 +28,7 @@ LEASE = """
 
 
 def running(rig):
-    """Start a rig of which nothing but what is tested disarms."""
+    """Start a rig with timeouts too long to disarm during a test."""
     r = rig()
     r.start_board()
     bridge = r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
@@ -41,14 +41,13 @@ def arm_and_drive(rig):
     rig.drive_until(OWN / 1e6, lambda: rig.samples[-1][6] == OWN / 1e6)
 
 
-def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_is_armed_again(rig, stranger):
-    """Also one that commands nothing, and while nobody does."""
+def test_a_second_publisher_disarms_and_both_are_named_until_one_is_gone(rig, stranger):
     r, bridge = running(rig)
     arm_and_drive(r)
     other = stranger.create_publisher(r.float64, TOPIC, 1)
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
     r.until(lambda: r.diagnosed(2, f'disarmed: {TOPIC} has 2 publishers: '))
-    # Named, at an ERROR, as long as there are two; the log names them once, with what was known at first.
+    # Every diagnosis names both; the log names them once.
     r.until(lambda: sum(d.level == b'\2' and RIVALS in d.message for d in r.diagnoses) >= 3)
     assert bridge.output.count(RIVALS) == 1
     answer = r.call('arm')
@@ -56,7 +55,7 @@ def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_
     assert answer.message.startswith(RIVALS)
     stranger.destroy_publisher(other)
     r.until(lambda: r.diagnoses and r.diagnoses[-1].level == b'\0')
-    # It does not go on by itself.
+    # The bridge does not arm again by itself.
     end = len(r.trace()) + 50
     r.drive_until(OWN / 1e6, lambda: len(r.trace()) > end)
     assert not r.trace()[-50:, 4].any()
@@ -67,8 +66,8 @@ def test_a_second_publisher_disarms_and_both_are_named_until_one_is_left_and_it_
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
 
-def test_a_second_publisher_of_joint_states_keeps_it_from_being_armed(rig, stranger):
-    """Two bridges of one name: one call to arm, and one controller, would move both rigs."""
+def test_a_second_publisher_of_joint_states_prevents_arming(rig, stranger):
+    """Otherwise one call to arm, and one controller, would move both rigs."""
     r, _ = running(rig)
     other = stranger.create_publisher(JointState, '/joint_states', 1)
     answers = []
@@ -80,7 +79,7 @@ def test_a_second_publisher_of_joint_states_keeps_it_from_being_armed(rig, stran
     r.until(lambda: r.call('arm').success)
 
 
-def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
+def test_a_killed_publisher_counts_until_its_lease_ends(rig, tmp_path):
     profile = tmp_path / 'short.xml'
     profile.write_text(LEASE)
     r, _ = running(rig)
@@ -90,7 +89,7 @@ def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
         r.until(lambda: r.node.count_publishers(TOPIC) == 1)
         exciter.kill()
     r.until(r.effort_publisher.get_subscription_count)
-    # The bridge may know a publisher before the name of its node.
+    # The bridge may discover a publisher before the name of its node.
     r.until(lambda: '2 publishers: /exciter, /listener;' in r.call('arm').message)
     answer = r.call('arm')
     assert not answer.success
@@ -99,8 +98,9 @@ def test_a_publisher_that_was_killed_counts_until_its_lease_ends(rig, tmp_path):
 
 
 class Ros2Control:
-    """What joint_state_topic_hardware_interface 1.0.0 publishes: both joints' names, and efforts of those that have an
-    effort command interface; NaN before a controller is active.
+    """Publishes like joint_state_topic_hardware_interface 1.0.0: both names, and an effort per command interface.
+
+    The effort is NaN before a controller is active.
     """
 
     def __init__(self, node):
@@ -115,20 +115,20 @@ class Ros2Control:
         r.until(lambda: self.command(*efforts, **more) or condition())
 
 
-def test_ros2_control_drives_the_motor_by_joint_commands_and_a_nan_is_none(rig, stranger):
+def test_ros2_control_drives_the_motor_by_joint_commands_and_nan_is_no_command(rig, stranger):
     r, bridge = running(rig)
     controller = Ros2Control(stranger)
     controller.drive_until(r, controller.publisher.get_subscription_count, math.nan)
     assert r.call('arm').success
     controller.drive_until(r, lambda: r.samples[-1][6] == OWN / 1e6, OWN / 1e6)
-    # One for each name, of which the elbow's is 0, is the same.
+    # An effort per name, zero for the elbow, is equivalent.
     controller.drive_until(r, lambda: r.samples[-1][6] == OTHER / 1e6, 0.0, OTHER / 1e6, names=('elbow', 'shoulder'))
-    # After the controller was deactivated the torque ends with the timeout, and the motor stays armed.
+    # After deactivation of the controller the torque ends with the timeout, and the motor stays armed.
     controller.drive_until(r, lambda: r.samples[-1][6] == 0, math.nan)
     assert r.trace()[-1, 4] & ARMED
     assert not (r.trace()[:, 4] & WATCHDOG).any()
     assert set(r.trace()[:, 3]) == {0, OWN, OTHER}
-    for efforts, names, said in [
+    for efforts, names, warning in [
         (
             (),
             ('shoulder', 'elbow'),
@@ -137,11 +137,11 @@ def test_ros2_control_drives_the_motor_by_joint_commands_and_a_nan_is_none(rig, 
         ((0.1,), ('elbow',), 'it has 1 efforts for the joints elbow; the effort of shoulder is expected'),
         ((0.1, 0.1), ('shoulder', 'elbow'), 'it has an effort for elbow, and only shoulder has a motor'),
     ]:
-        controller.drive_until(r, lambda said=said: said in bridge.output, *efforts, names=names)
+        controller.drive_until(r, lambda warning=warning: warning in bridge.output, *efforts, names=names)
     assert set(r.trace()[:, 3]) == {0, OWN, OTHER}
 
 
-def test_joint_commands_and_effort_commands_have_one_publisher_in_all(rig, stranger):
+def test_joint_commands_and_effort_commands_together_have_one_publisher(rig, stranger):
     r, _ = running(rig)
     arm_and_drive(r)
     controller = Ros2Control(stranger)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The exciter with a real bridge and the virtual board: what the board applied is what was drawn."""
+"""The exciter with a real bridge and the virtual board."""
 
 import re
 import signal
@@ -19,7 +19,7 @@ from test.rig import ARMED, PATIENT, Rig
 
 pytestmark = pytest.mark.ros
 EFFORT = '/pendubot/effort_command'
-#: Pulses without end and without a pause.
+#: Endless pulses without a pause.
 PULSES = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
 
 
@@ -34,7 +34,7 @@ def shared(ros, tmp_path_factory):
 
 @pytest.fixture
 def rig(shared):
-    """A rig at rest and disarmed; ``torques`` and ``armed`` are of this test."""
+    """A disarmed rig at rest; ``torques`` and ``armed`` cover this test alone."""
     assert shared.call('disarm').success
     shared.until(lambda: not shared.trace()[-1, 3:].any())
     begun = len(shared.trace())
@@ -47,7 +47,7 @@ def exciter(**values):
     return Program('exciter', *parameters(**values))
 
 
-def test_excites_by_the_pulse_train_then_ends_disarmed_or_at_a_signal(rig):
+def test_the_board_applies_the_pulse_train_and_is_disarmed_at_its_end_or_at_a_signal(rig):
     pulses = {'period': 0.2, 'width': 0.5, 'amplitude_min': -0.3, 'amplitude_max': 0.4, 'hold': 0.02, 'seed': 7}
     with exciter(arm='true', duration=2.0, **pulses) as program:
         program.wait_for('excitation done')
@@ -56,7 +56,7 @@ def test_excites_by_the_pulse_train_then_ends_disarmed_or_at_a_signal(rig):
     assert set(rig.torques()) <= drawn | {0}
     assert len(set(rig.torques())) > 20
     assert rig.torques()[-1] == 0
-    assert not rig.armed()[-1], 'disarmed at the end'
+    assert not rig.armed()[-1]
     with exciter(arm='true', **PULSES) as program:
         program.wait_for('exciting')
         rig.until(lambda: rig.torques()[-1])
@@ -65,7 +65,7 @@ def test_excites_by_the_pulse_train_then_ends_disarmed_or_at_a_signal(rig):
     assert rig.torques()[-1] == 0
 
 
-def test_moves_nothing_before_it_is_armed_and_stops_when_it_is_disarmed(rig):
+def test_the_exciter_commands_nothing_before_arming_and_stops_at_disarming(rig):
     with exciter(**PULSES) as program:
         program.wait_for('waiting to be armed')
         assert not rig.torques().any()
@@ -88,22 +88,22 @@ def ends_with_1(program):
     [('true', Float64, EFFORT), ('false', JointState, '/joint_states')],
     ids=['controller', 'second rig'],
 )
-def test_refuses_to_begin_beside_a_program_of_any_name(rig, stranger, arm, kind, topic):
+def test_the_exciter_does_not_start_beside_another_publisher(rig, stranger, arm, kind, topic):
     publisher = stranger.create_publisher(kind, topic, 1)
     with exciter(arm=arm, **PULSES) as program:
         assert spin_until(stranger, lambda: publisher.publish(kind()) or program.process.poll() is not None)
-        said = program.wait_for('only one program may publish there')
+        output = program.wait_for('only one program may publish there')
         # The stranger may be discovered before the exciter publishes, after it, or first by the bridge, without a name.
-        named = re.search(rf'{topic} has [12] publishers?: [^;]*/elsewhere/stranger', said)
-        assert named or f'the bridge did not arm: {topic} has 2 publishers: ' in said
+        named = re.search(rf'{topic} has [12] publishers?: [^;]*/elsewhere/stranger', output)
+        assert named or f'the bridge did not arm: {topic} has 2 publishers: ' in output
         ends_with_1(program)
-    # The bridge, too, refuses a second controller; a second rig may be discovered only after arming.
+    # The bridge refuses a second controller, too; a second rig may be discovered only after arming.
     assert kind is JointState or not rig.armed().any()
     rig.until(lambda: not rig.armed()[-1])
 
 
 def an_hour_later():
-    """A sample with a time at which the excitation would be done."""
+    """Return a sample with a time at which the excitation would be done."""
     message = JointState(name=['shoulder', 'elbow'], position=[0.0, 0.0], effort=[0.0, 0.0])
     message.header.stamp.sec = int(time.time()) + 3600
     return message
@@ -117,7 +117,7 @@ def an_hour_later():
     ],
     ids=['controller', 'second rig'],
 )
-def test_ends_disarmed_and_not_done_where_another_publisher_comes_meanwhile(rig, stranger, topic, message, publishers):
+def test_a_publisher_that_appears_during_excitation_ends_and_disarms_it(rig, stranger, topic, message, publishers):
     with exciter(arm='true', **PULSES | {'duration': 600.0}) as program:
         program.wait_for('exciting')
         rig.until(lambda: rig.torques().any())
@@ -129,13 +129,13 @@ def test_ends_disarmed_and_not_done_where_another_publisher_comes_meanwhile(rig,
     assert rig.torques().max() <= 200_000
 
 
-def test_waits_for_the_first_sample_and_stops_when_no_more_come(ros):
-    """Nodes in the places of two bridges, each in its namespace; the first says that it is armed."""
-    node, torques, asked = ros.create_node('bridges'), [], []
+def test_the_exciter_waits_for_the_first_sample_and_stops_when_samples_cease(ros):
+    """One node stands in for two bridges in namespaces; the first is armed."""
+    node, torques, arm_calls = ros.create_node('bridges'), [], []
     diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
     status = DiagnosticStatus(name='armed/bridge', values=[KeyValue(key='armed', value='True')])
     node.create_timer(0.1, lambda: diagnostics.publish(DiagnosticArray(status=[status])))
-    node.create_service(Trigger, '/arming/bridge/arm', lambda _, answer: asked.append(1) or answer)
+    node.create_service(Trigger, '/arming/bridge/arm', lambda _, answer: arm_calls.append(1) or answer)
     samples = {name: node.create_publisher(JointState, f'/{name}/joint_states', 10) for name in ('armed', 'arming')}
     node.create_subscription(Float64, '/armed/pendubot/effort_command', lambda m: torques.append(m.data), 100)
     bridge = ros.create_node('bridge', namespace='armed')
@@ -145,11 +145,11 @@ def test_waits_for_the_first_sample_and_stops_when_no_more_come(ros):
         return Program('exciter', *parameters(duration=0.0, **values), '-r', f'__ns:=/{name}')
 
     with started('armed') as armed, started('arming', arm='true') as arming:
-        # It says so every five seconds: at the second time it has long found the service.
-        said = 'waiting for /arming/joint_states'
-        assert spin_until(node, lambda: arming.output.count(said) == 2, 20.0), arming.output
+        # Logged every five seconds: by the second time the service has been discovered.
+        waiting = 'waiting for /arming/joint_states'
+        assert spin_until(node, lambda: arming.output.count(waiting) == 2, 20.0), arming.output
         assert node.count_clients('/arming/bridge/arm')
-        assert not asked
+        assert not arm_calls
         armed.wait_for('stopped: no joint states for 4')
         assert not any(torques)
     with started('armed') as armed:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The identifier in its own process: latched results, running again, failing without dying."""
+"""The identifier in its own process: latched results, repeated runs, failures that do not end it."""
 
 import re
 import shutil
@@ -21,7 +21,7 @@ from test.processes import Program, parameters
 
 pytestmark = pytest.mark.ros
 
-#: Options that cost little, and the others that the tests change.
+#: Fast options, and the defaults of the options that tests change.
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero', 'sliding': 0.0}
 FAST |= {'columns': '', 'apply_remedies': False, 'validate': [''], 'output': '', 'force': False, 'start': ''}
 WARN, ERROR = b'\x01', b'\x02'
@@ -29,14 +29,14 @@ PROGRESS = 'identifier: progress'
 
 
 class Client(Observer):
-    """Calls for identifications, and waits for their end."""
+    """Requests identifications and waits for their end."""
 
     def __init__(self, ros):
         super().__init__(ros)
         self.client = self.node.create_client(Trigger, '/identifier/identify')
 
     def identify(self):
-        """Ask for an identification; return the answer to come."""
+        """Request an identification; return the future of the answer."""
         self.until(self.client.service_is_ready)
         return self.client.call_async(Trigger.Request())
 
@@ -45,7 +45,7 @@ class Client(Observer):
         return future.result()
 
     def identified(self, *bags, **given):
-        """Identify these bags; return the status, its values, and the parameters if there are any."""
+        """Identify these bags; return the status, its values, and the published parameters."""
         answer = self.set('/identifier', **FAST | {'bags': [str(bag) for bag in bags]} | given)
         assert answer.successful, answer.reason
         self.params.clear()
@@ -59,13 +59,10 @@ class Client(Observer):
         return status, values(status), self.params
 
 
-def test_while_it_computes_it_answers_and_says_how_far_it_is_and_a_result_that_cannot_be_written_is_published(
-    ros, bag, tmp_path
-):
-    """A line for each step; a status once a second, to the end."""
+def test_progress_is_published_and_also_a_result_that_cannot_be_written(ros, bag, tmp_path):
     folder = tmp_path / 'gone'
     folder.mkdir()
-    # Long enough to be heard of on any machine, and for its folder to go meanwhile.
+    # Long enough to observe progress, and to remove the folder meanwhile.
     long = {'criterion': 'energy', 'model': 'viscous', 'runs': 2, 'generations': 6000, 'spread': 0.0, 'hold': 'zero'}
     given = parameters(output=folder / 'result.yaml', **long)
     with Client(ros) as client, Program('identifier', *given, env={'PENDUBOT_KERNEL': 'off'}) as program:
@@ -89,19 +86,19 @@ def test_while_it_computes_it_answers_and_says_how_far_it_is_and_a_result_that_c
         answer = client.answer(ending)
         assert (answer.success, answer.message) == (False, sentence)
         client.until(lambda: (client.status(PROGRESS).level, client.status(PROGRESS).message) == (ERROR, sentence))
-        assert sum('energy: MDE, ' in line for line in program.lines) == 1, 'of hundreds of calls'
+        assert sum('energy: MDE, ' in line for line in program.lines) == 1, 'the log must have one line per stage'
         (status,) = client.quality
         assert [float(values(status)[name]) for name in NAMES[:7]] == list(client.params[0].data)
-        assert sentence not in status.message, 'the parameters themselves are as good as before'
+        assert sentence not in status.message, 'the quality of the parameters does not depend on the file'
         assert client.set('/identifier', output='').successful
         client.identify()
         program.wait_for('energy: MDE')
-        assert program.stop() == 0, 'a computation that is under way is left'
+        assert program.stop() == 0, 'a signal must cancel a running computation'
 
 
 @pytest.fixture(scope='module')
 def client(ros):
-    """A client of an identifier that lives through all these tests."""
+    """A client of one identifier for all following tests."""
     with Program('identifier') as program, Client(ros) as client:
         program.wait_for('waiting: set the parameter bags')
         yield client
@@ -110,8 +107,8 @@ def client(ros):
 
 def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path, client):
     output = tmp_path / 'result.yaml'
-    named = {'validate': [f'{bag}@9:18'], 'output': str(output), 'criterion': 'energy,weak,likelihood'}
-    client.identified(f'{bag}@0:9', **named)
+    options = {'validate': [f'{bag}@9:18'], 'output': str(output), 'criterion': 'energy,weak,likelihood'}
+    client.identified(f'{bag}@0:9', **options)
     with Observer(ros) as late:
         late.until(lambda: late.params and late.quality)
         (params,), (status,) = late.params, late.quality
@@ -121,44 +118,44 @@ def test_a_subscriber_that_joins_late_receives_the_result(ros, bag, tmp_path, cl
     assert list(params.data) == [result['parameters'][name]['value'] for name in NAMES[:7]]
     np.testing.assert_allclose(params.data, PAPER.vector(), rtol=0.02)
     assert status.level == bytes([{'OK': 0, 'WARN': 1, 'ERROR': 2}[result['level']]])
-    told = values(status)
-    assert float(told['P1']) == params.data[0]
-    assert float(told['P1.std_error']) == result['parameters']['P1']['std_error']
-    assert told['P1.unit'] == 'kg m^2'
-    assert float(told['J.training']) == result['J']['training']
-    assert told['criterion'] == result['criterion'] != 'energy'
+    published = values(status)
+    assert float(published['P1']) == params.data[0]
+    assert float(published['P1.std_error']) == result['parameters']['P1']['std_error']
+    assert published['P1.unit'] == 'kg m^2'
+    assert float(published['J.training']) == result['J']['training']
+    assert published['criterion'] == result['criterion'] != 'energy'
     energy = result['criteria']['energy']
-    assert float(told['criteria.energy.P1']) == energy['parameters']['P1']['value']
-    assert float(told['criteria.energy.J.validation']) == energy['J']['validation']
-    assert told['prediction.error'] == str(result['prediction']['error'])
-    assert told['bags.0.bag'] == f'{bag}@0:9'
-    assert len(told) < 175, 'matrices and single runs are in the file'
-    assert not [key for key in told if 'covariance' in key or 'runs' in key.split('_')]
+    assert float(published['criteria.energy.P1']) == energy['parameters']['P1']['value']
+    assert float(published['criteria.energy.J.validation']) == energy['J']['validation']
+    assert published['prediction.error'] == str(result['prediction']['error'])
+    assert published['bags.0.bag'] == f'{bag}@0:9'
+    assert len(published) < 175, 'matrices and single runs must be in the file alone'
+    assert not [key for key in published if 'covariance' in key or 'runs' in key.split('_')]
 
 
-def test_identifies_again_with_the_parameters_of_the_moment_and_names_what_the_rig_cannot_have(bag, client):
-    _, told, (params,) = client.identified(f'{bag}@0:9', criterion='weak', model='geared')
+def test_each_run_uses_the_current_settings_and_names_parameters_without_influence(bag, client):
+    _, published, (params,) = client.identified(f'{bag}@0:9', criterion='weak', model='geared')
     assert params.layout.dim[0].label == ','.join(NAMES)
     assert len(params.data) == len(NAMES)
     assert params.data[NAMES.index('k2')] == 0
-    assert told['not_in_model.0'] == 'k2, because the effort of the elbow is always zero'
-    assert not [key for key in told if key.startswith('k2')]
-    status, told, (params,) = client.identified(f'{bag}@0:9', model='viscous', criterion='energy')
+    assert published['not_in_model.0'] == 'k2, because the effort of the elbow is always zero'
+    assert not [key for key in published if key.startswith('k2')]
+    status, published, (params,) = client.identified(f'{bag}@0:9', model='viscous', criterion='energy')
     assert len(params.data) == 7
     assert status.level == WARN
-    assert told['warnings.0'] in status.message
+    assert published['warnings.0'] in status.message
 
 
-def test_a_file_with_columns_is_identified_and_remedies_are_applied(bag, tmp_path, client):
+def test_a_csv_file_is_identified_and_corrections_are_applied(bag, tmp_path, client):
     motion = read_trajectory(bag).trajectory
     rows = np.column_stack([1000 * motion.t, motion.q[:, 0], -motion.q[:, 1], motion.tau[:, 0]])
     np.savetxt(tmp_path / 'run.csv', rows, delimiter=',', header='time,q1,q2,tau1', comments='', fmt='%.17g')
-    _, told, _ = client.identified(tmp_path / 'run.csv', criterion='weak', columns='t=time', apply_remedies=True)
-    assert [told[f'made_by.applied.{k}'] for k in (0, 1)] == ['--time-unit ms', '--negate q2']
-    np.testing.assert_allclose([float(told[name]) for name in NAMES[:7]], PAPER.vector(), rtol=0.02)
+    _, published, _ = client.identified(tmp_path / 'run.csv', criterion='weak', columns='t=time', apply_remedies=True)
+    assert [published[f'made_by.applied.{k}'] for k in (0, 1)] == ['--time-unit ms', '--negate q2']
+    np.testing.assert_allclose([float(published[name]) for name in NAMES[:7]], PAPER.vector(), rtol=0.02)
 
 
-def test_what_fails_is_published_and_answered_and_nothing_is_written_over(bag, tmp_path, client):
+def test_failures_are_published_and_answered_and_no_file_is_overwritten(bag, tmp_path, client):
     output, beyond, swing, day = (tmp_path / name for name in ('result.yaml', 'no/file', 'swing', 'day'))
     output.write_text('mine')
     t = np.arange(6020) / 10
@@ -166,14 +163,14 @@ def test_what_fails_is_published_and_answered_and_nothing_is_written_over(bag, t
     shutil.copytree(bag, swing)
     (file,) = swing.glob('*.mcap')
     before = file.read_bytes()
-    for named, given, sentence in (
+    for bags, options, sentence in (
         ('/nowhere', {}, 'there is no bag /nowhere'),
         ('/nowhere', {'output': str(output)}, f'{output} exists already and was left as it is; choose another name or'),
         ('/nowhere', {'output': str(beyond)}, f'{beyond} cannot be written (No such file or directory); choose a'),
         (swing, {'output': str(file), 'force': True}, f'{file} is read, so it cannot be written as well; give another'),
         (day, {}, 'it lasts 602 s, and at most 600 s are read at once; take windows of it, such as'),
     ):
-        status, _, params = client.identified(named, **given)
+        status, _, params = client.identified(bags, **options)
         assert (status.level, params) == (ERROR, [])
         assert sentence in status.message
     assert output.read_text() == 'mine'
@@ -183,10 +180,10 @@ def test_what_fails_is_published_and_answered_and_nothing_is_written_over(bag, t
 def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client):
     t = read_trajectory(bag).trajectory
     write_trajectory(tmp_path / 'wrong_sign', replace(t, tau=-t.tau))
-    status, told, (_,) = client.identified(tmp_path / 'wrong_sign')
+    status, published, (_,) = client.identified(tmp_path / 'wrong_sign')
     assert status.level == ERROR
     assert status.message.startswith('the effort has the wrong sign')
-    assert 'not physical: P1 = 0 is not positive' in told.values()
+    assert 'not physical: P1 = 0 is not positive' in published.values()
 
 
 @pytest.mark.parametrize(
@@ -200,7 +197,7 @@ def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client)
         ('joint_names', ['a'], 'joint_names has 1 values; 2 are expected'),
     ],
 )
-def test_settings_without_sense_are_refused_with_a_reason(client, name, value, reason):
+def test_invalid_settings_are_refused_with_a_reason(client, name, value, reason):
     answer = client.set('/identifier', **{name: value})
     assert not answer.successful
     assert reason in answer.reason

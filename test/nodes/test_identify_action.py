@@ -34,20 +34,20 @@ class Goals(Observer):
         self.feedback = []
         self.until(self.client.server_is_ready, 60.0)
 
-    def waited(self, future, timeout=60.0):
+    def wait(self, future, timeout=60.0):
         self.until(future.done, timeout)
         return future.result()
 
     def send(self, *bags):
-        """Send a goal with these bags; return its handle once it is accepted."""
+        """Send a goal with these bags; return its handle after acceptance."""
         self.feedback.clear()
         goal = Identify.Goal(bags=[str(bag) for bag in bags])
-        handle = self.waited(self.client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback)))
+        handle = self.wait(self.client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback)))
         assert handle.accepted
         return handle
 
     def result(self, *bags):
-        answer = self.waited(self.send(*bags).get_result_async())
+        answer = self.wait(self.send(*bags).get_result_async())
         return answer.status, answer.result
 
 
@@ -56,7 +56,7 @@ def children(program):
     return [int(word) for t in Path(f'/proc/{pid}/task').iterdir() for word in (t / 'children').read_text().split()]
 
 
-def test_a_goal_is_identified_with_feedback_and_its_failures_have_reasons(ros, bag):
+def test_a_goal_is_identified_with_feedback_and_failures_give_a_reason(ros, bag):
     with Program('identifier', *parameters(**FAST)) as program, Goals(ros) as goals:
         program.wait_for('waiting: set the parameter bags')
         descriptions = []
@@ -70,18 +70,18 @@ def test_a_goal_is_identified_with_feedback_and_its_failures_have_reasons(ros, b
         assert (bytes([result.level]), result.message) == (goals.quality[-1].level, goals.quality[-1].message)
         assert descriptions[-1].data.startswith('<?xml')
         assert '<robot name="pendubot">' in descriptions[-1].data
-        for named, sentence in ((('/nowhere',), 'there is no bag /nowhere'), ((), 'no bags are named')):
-            status, result = goals.result(*named)
+        for bags, sentence in ((('/nowhere',), 'there is no bag /nowhere'), ((), 'no bags are named')):
+            status, result = goals.result(*bags)
             assert (status, result.level) == (GoalStatus.STATUS_ABORTED, Identify.Result.ERROR)
             assert sentence in result.message
         assert program.stop() == 0
 
 
-def test_a_goal_is_canceled_at_once_and_one_whose_process_is_killed_or_whose_node_is_ends_too(ros, bag):
+def test_canceling_killing_the_node_or_killing_the_process_ends_the_computation(ros, bag):
     with Program('identifier', *parameters(**LONG)) as program, Goals(ros) as goals:
 
         def computing():
-            """Send a goal; return it and the process that computes."""
+            """Send a goal; return its handle and the PID of the computing process."""
             handle = goals.send(bag)
             goals.until(lambda: any(f.stage == 'energy: MDE' and f.fraction >= 0 for f in goals.feedback), 60.0)
             (child,) = children(program)
@@ -91,16 +91,16 @@ def test_a_goal_is_canceled_at_once_and_one_whose_process_is_killed_or_whose_nod
         status, result = goals.result(bag)
         assert (status, 'under way' in result.message) == (GoalStatus.STATUS_ABORTED, True)
         answer = handle.get_result_async()
-        assert goals.waited(handle.cancel_goal_async()).goals_canceling
-        answer = goals.waited(answer)
+        assert goals.wait(handle.cancel_goal_async()).goals_canceling
+        answer = goals.wait(answer)
         assert answer.status == GoalStatus.STATUS_CANCELED
         assert answer.result.message == 'the identification was canceled'
-        assert not Path(f'/proc/{child}').exists(), 'what computes has ended, too'
-        assert not goals.quality, 'the last result stays as it was'
+        assert not Path(f'/proc/{child}').exists(), 'the computing process must have ended'
+        assert not goals.quality, 'no result may be published'
 
         handle, child = computing()
         os.kill(child, 9)
-        answer = goals.waited(handle.get_result_async())
+        answer = goals.wait(handle.get_result_async())
         assert answer.status == GoalStatus.STATUS_ABORTED
         assert answer.result.message.startswith('the process of the identification ended with status -9')
 

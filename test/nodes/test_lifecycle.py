@@ -1,9 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The lifecycle of the nodes, by the services that ``ros2 lifecycle`` calls."""
+"""The lifecycle of the nodes, through the services that ``ros2 lifecycle`` calls."""
 
 import shutil
+from contextlib import ExitStack
 
 import pytest
 from lifecycle_msgs.msg import Transition
@@ -25,19 +26,19 @@ STATES = dict(zip(ROUND, ('inactive', 'active', 'inactive', 'unconfigured'), str
 
 
 class Manager(Observer):
-    """Leads nodes through their states."""
+    """Requests transitions."""
 
     def state(self, node):
         return self.call(GetState, f'/{node}/get_state').current_state.label
 
     def change(self, node, label):
-        """Ask for a transition; return whether it was made, also if its answer was lost and it was asked for again."""
+        """Request a transition; return whether the state changed, also if the first answer was lost."""
         before = self.state(node)
-        made = self.call(ChangeState, f'/{node}/change_state', transition=Transition(label=label)).success
-        return made or self.state(node) != before
+        success = self.call(ChangeState, f'/{node}/change_state', transition=Transition(label=label)).success
+        return success or self.state(node) != before
 
     def set(self, node, name, value):
-        """Set a parameter; return why it was refused, '' if it was not."""
+        """Set a parameter; return the reason of a refusal, '' for success."""
         message = Parameter(name, value=value).to_parameter_msg()
         (result,) = self.call(SetParameters, f'/{node}/set_parameters', parameters=[message]).results
         return '' if result.successful else result.reason
@@ -45,12 +46,12 @@ class Manager(Observer):
 
 @pytest.fixture
 def manager(ros):
-    with Manager(ros) as made:
-        yield made
+    with Manager(ros) as manager:
+        yield manager
 
 
 @pytest.mark.parametrize('name', MANAGED)
-def test_every_node_goes_round_again_and_refuses_what_is_impossible(manager, tmp_path, name):
+def test_every_node_can_be_configured_again_and_refuses_invalid_transitions(manager, tmp_path, name):
     own = {'bridge': {'port': tmp_path / 'board'}, 'recorder': {'output': tmp_path / 'bag'}}.get(name, {})
     with Program(name, *parameters(autostart='false', **own)) as program:
         program.wait_for(f'waiting: ros2 lifecycle set /{name} configure')
@@ -66,7 +67,7 @@ def test_every_node_goes_round_again_and_refuses_what_is_impossible(manager, tmp
         assert program.process.wait(10) == 0, program.output
 
 
-def test_a_node_that_cannot_be_configured_says_why_and_stays_as_it_was(manager, tmp_path):
+def test_a_failed_configuration_gives_the_reason_and_leaves_the_node_unconfigured(manager, tmp_path):
     with Program('recorder', *parameters(autostart='false', output=tmp_path)) as program:
         assert not manager.change('recorder', 'configure')
         program.wait_for(f'{tmp_path} exists already')
@@ -88,22 +89,22 @@ def test_deactivating_the_bridge_disarms_and_only_an_active_bridge_is_armed(rig,
     r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
     assert manager.change('bridge', 'deactivate')
     r.until(lambda: r.trace()[-1, 3:].tolist() == [0, 0])
-    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
+    assert not (r.trace()[:, 4] & WATCHDOG).any(), 'disarmed by the watchdog instead of by command'
     answer = r.call('arm')
     assert not answer.success
     assert 'the bridge is inactive; call ros2 lifecycle set /bridge activate' in answer.message
     r.until(lambda: r.diagnoses and r.diagnoses[-1].message.startswith('inactive; '))
     rows = len(r.trace())
     r.drive_until(0.2, lambda: len(r.trace()) > rows + 100)
-    said = len(r.samples)  # with all that were on their way
+    received = len(r.samples)  # including samples in transit
     r.drive_until(0.2, lambda: len(r.trace()) > rows + 200)
-    assert len(r.samples) == said, 'no joint states while it is inactive'
+    assert len(r.samples) == received, 'an inactive bridge must publish no joint states'
     assert not (r.trace()[rows:, 4] & ARMED).any()
     assert manager.change('bridge', 'activate')
     r.until_samples()
     rows = len(r.trace())
     r.drive_until(0.2, lambda: len(r.trace()) > rows + 50)
-    assert not r.trace()[rows:, 3].any(), 'nothing moves before it is armed again'
+    assert not r.trace()[rows:, 3].any(), 'no torque before the motor is armed again'
     assert r.call('arm').success
     r.drive_until(0.2, lambda: r.samples[-1][6] == 0.2)
     assert manager.change('bridge', 'shutdown')
@@ -112,7 +113,7 @@ def test_deactivating_the_bridge_disarms_and_only_an_active_bridge_is_armed(rig,
     assert not (r.trace()[:, 4] & WATCHDOG).any()
 
 
-def test_the_recorder_writes_while_it_is_active_into_one_bag(manager, rig, tmp_path):
+def test_the_recorder_writes_one_bag_while_it_is_active(manager, rig, tmp_path):
     r = rig()
     r.start_board()
     r.start_bridge()
@@ -128,14 +129,14 @@ def test_the_recorder_writes_while_it_is_active_into_one_bag(manager, rig, tmp_p
         manager.until(lambda: rate()[0] == 0 and manager.status('recorder').message.startswith('inactive; '))
         assert manager.change('recorder', 'activate')
         manager.until(lambda: rate()[0] > 0)
-        assert rate()[1] == 0, 'what passed during the pause is not lost'
+        assert rate()[1] == 0, 'messages during the pause must not count as lost'
         assert program.stop() == 0
     t = read_trajectory(tmp_path / 'bag').trajectory.t
     gaps = (t[1:] - t[:-1]) > 0.5
     assert gaps.sum() == 1
 
 
-def test_the_exciter_moves_nothing_that_no_active_recorder_writes(manager, rig, tmp_path):
+def test_the_exciter_moves_the_rig_only_while_an_active_recorder_writes(manager, rig, tmp_path):
     r = rig()
     r.start_board()
     r.start_bridge(*PATIENT)
@@ -145,7 +146,7 @@ def test_the_exciter_moves_nothing_that_no_active_recorder_writes(manager, rig, 
     assert manager.change('recorder', 'configure'), recorder.output
     exciter.wait_for('waiting for a recorder of /joint_states')
     assert not (r.trace()[:, 4] & ARMED).any()
-    assert r.call('arm').success, 'whoever arms'
+    assert r.call('arm').success
     rows = len(r.trace())
     r.until(lambda: len(r.trace()) > rows + 100)
     assert not r.trace()[:, 3].any()
@@ -158,11 +159,11 @@ def test_the_exciter_moves_nothing_that_no_active_recorder_writes(manager, rig, 
     assert exciter.process.wait(10) == 1
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
     torque = read_trajectory(tmp_path / 'bag').trajectory.tau[:, 0]
-    assert torque[0] == 0.0, 'it moved before it was recorded'
+    assert torque[0] == 0.0, 'the rig moved before it was recorded'
     assert torque.any()
 
 
-def test_an_identifier_and_a_tracker_do_nothing_while_they_are_inactive(manager):
+def test_inactive_identifiers_and_trackers_are_idle(manager):
     bag = ROOT / 'bags/paper_experiment'
     fast = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
     with Program('identifier', *parameters(bags=f'[{bag}]', autostart='false', **fast)) as program:
@@ -173,7 +174,9 @@ def test_an_identifier_and_a_tracker_do_nothing_while_they_are_inactive(manager)
         assert manager.change('identifier', 'activate')
         manager.until(lambda: manager.params)
         assert program.stop() == 0
-    with Program('tracker') as program, Program('player', *parameters(bag=bag, topics='[joint_states]', rate=4.0)):
+    with Program('tracker') as program, ExitStack() as stack:
+        program.wait_for('8 s of motion without a gap are needed')
+        stack.enter_context(Program('player', *parameters(bag=bag, topics='[joint_states]')))
 
         def samples():
             status = manager.status('tracker')

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Two rigs on one network, each in its namespace: nobody hears, moves or records the other's."""
+"""Two rigs on one network, each in its namespace, without interference."""
 
 import csv
 from contextlib import ExitStack
@@ -20,7 +20,7 @@ LAB1, LAB2 = ('-r', '__ns:=/lab1'), ('-r', '__ns:=/lab2')
 
 @pytest.fixture(scope='module')
 def traces(tmp_path_factory):
-    """Virtual rigs in /lab1, by a file, and in /lab2, by a bridge of another name; gives what their boards did."""
+    """Virtual rigs in /lab1, with a parameter file, and in /lab2, with a renamed bridge; yields their traces."""
     folder = tmp_path_factory.mktemp('rigs')
     file = folder / 'bridge.yaml'
     file.write_text(resource('config/bridge.yaml').read_text().replace('torque_limit: 2.0', 'torque_limit: 0.123'))
@@ -30,7 +30,7 @@ def traces(tmp_path_factory):
             link, trace = folder / name, folder / f'{name}.csv'
             board = Program('virtual_board', '--link', link, '--trace', trace)
             programs.enter_context(board).wait_for('virtual board on')
-            # Of two values of a parameter the later one counts.
+            # The last value of a parameter takes precedence.
             own = parameters(port=link, confirm_zeros='false', link_timeout=2.0, watchdog_ms=500)[1:]
             bridge = Program('bridge', '--ros-args', *options, *own)
             programs.enter_context(bridge).wait_for('counts per turn')
@@ -49,11 +49,11 @@ def armed_or_moved(rows):
     return any(int(row['torque']) or int(row['status']) & 1 for row in rows)
 
 
-def test_programs_move_record_and_identify_the_rig_of_their_own_namespace_alone(traces, observer, tmp_path):
+def test_programs_move_record_and_identify_only_the_rig_of_their_namespace(traces, observer, tmp_path):
     first, second = traces
     bag = tmp_path / 'bag'
 
-    def told(name):
+    def diagnosis(name):
         status = observer.status(name)
         return {} if status is None else values(status)
 
@@ -63,22 +63,21 @@ def test_programs_move_record_and_identify_the_rig_of_their_own_namespace_alone(
     ):
         recorder.wait_for('recording /lab1/joint_states')
         exciter.wait_for('exciting')
-        observer.until(lambda: told('lab1/bridge').get('armed') == 'True')
-        assert told('lab1/bridge')['torque limit [N m]'] == '0.123', "not the file's"
-        # The other rig says the whole time that it is disarmed: that is not said of this one.
+        observer.until(lambda: diagnosis('lab1/bridge').get('armed') == 'True')
+        assert diagnosis('lab1/bridge')['torque limit [N m]'] == '0.123', 'the parameter file was ignored'
+        # The other rig's diagnostics, always disarmed, must not stop this exciter.
         observer.until(lambda: exciter.process.poll() is not None)
         assert exciter.process.returncode == 0, exciter.output
         assert 'excitation done' in exciter.output
         assert recorder.stop() == 0
     assert armed_or_moved(first())
     assert not armed_or_moved(second())
-    assert told('lab2/my_bridge')['armed'] == 'False'
-    assert told('lab2/my_bridge')['discarded'] == '0', 'it heard no effort command'
-    assert told('lab1/recorder')
+    assert diagnosis('lab2/my_bridge')['armed'] == 'False'
+    assert diagnosis('lab2/my_bridge')['discarded'] == '0', 'it received an effort command of the other rig'
+    assert diagnosis('lab1/recorder')
     recorded = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     names = {entry['topic_metadata']['name'] for entry in recorded['topics_with_message_count']}
     assert names == {'/lab1/joint_states', '/lab1/pendubot/effort_command'}
-    # The identifier reads the topic of its namespace, and publishes there.
     quick = {'criterion': 'energy', 'optimizer': 'lsq', 'model': 'viscous'}
     with Program('identifier', *parameters(bags=f"['{bag}']", **quick), *LAB1):
         observer.until(lambda: observer.params)
@@ -86,7 +85,7 @@ def test_programs_move_record_and_identify_the_rig_of_their_own_namespace_alone(
         observer.until(lambda: observer.status('lab1/identifier: progress'))
 
 
-def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_remapped(traces):
+def test_a_renamed_bridge_is_driven_after_its_services_are_remapped(traces):
     _, trace = traces
     options = [*parameters(duration=1.0, **PULSES), *LAB2]
     with Program('exciter', *options) as exciter:
@@ -99,7 +98,7 @@ def test_a_bridge_of_another_name_is_asked_for_and_driven_once_its_services_are_
     options += [word for rule in remapped for word in ('-r', rule)]
     with Program('exciter', *options, '-r', 'pendubot/effort_command:=u') as exciter:
         exciter.wait_for('waiting: /lab2/my_bridge does not subscribe to /lab2/u: remap pendubot/effort_command as')
-    assert not armed_or_moved(trace()), 'nobody would move the rig that it excites'
+    assert not armed_or_moved(trace()), 'it must not arm a bridge that does not receive its commands'
     with Program('exciter', *options) as exciter:
         exciter.wait_for('excitation done')
         assert exciter.process.wait(10) == 0

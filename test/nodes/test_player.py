@@ -46,7 +46,7 @@ LATCHED = RELIABLE._replace(
 
 @pytest.fixture
 def bag(tmp_path):
-    """Two topics of 0.4 s in two files, one of them latched; a message of one between those of the other."""
+    """A bag of 0.4 s in two files, with one latched message among the joint states."""
     path = tmp_path / 'bag'
     path.mkdir()
     for part in range(2):
@@ -63,22 +63,22 @@ def bag(tmp_path):
 
 
 def subscribe(node, topic):
-    """What comes on /states or /latched, as bytes."""
-    came = []
+    """Return a growing list of the serialized messages on /states or /latched."""
+    received = []
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     kind, qos = (JointState, 1000) if topic == '/states' else (String, latched)
-    node.create_subscription(kind, topic, came.append, qos, raw=True)
-    return came
+    node.create_subscription(kind, topic, received.append, qos, raw=True)
+    return received
 
 
 def player(bag, **values):
     return Program('player', *parameters(**{'bag': bag, 'wait': 10.0, **values}))
 
 
-def test_everything_is_published_as_it_was_recorded(bag, node):
-    heard = {topic: subscribe(node, topic) for topic in ('/states', '/latched')}
+def test_messages_and_quality_of_service_are_played_as_recorded(bag, node):
+    received = {topic: subscribe(node, topic) for topic in ('/states', '/latched')}
     with player(bag) as program:
-        assert spin_until(node, lambda: sum(map(len, heard.values())) == 401, 20.0)
+        assert spin_until(node, lambda: sum(map(len, received.values())) == 401, 20.0)
         (offered,) = (each.qos_profile for each in node.get_publishers_info_by_topic('/latched'))
         assert program.process.wait(10) == 0
         program.wait_for('401 messages played')
@@ -86,43 +86,42 @@ def test_everything_is_published_as_it_was_recorded(bag, node):
     durations = offered.deadline, offered.lifespan, offered.liveliness_lease_duration
     assert [each.nanoseconds for each in durations] == [7 * 10**9 + 5, 3600 * 10**9, 60 * 10**9]
     sent = by_mcap(bag)
-    for topic, came in heard.items():
-        assert came == [data for t, _, data in sent if t == topic]
+    for topic, messages in received.items():
+        assert messages == [data for t, _, data in sent if t == topic]
 
 
-def test_a_part_of_an_unclosed_bag_is_played_as_far_as_it_is_whole(bag, node):
+def test_a_window_of_a_truncated_bag_is_played_up_to_the_damage(bag, node):
     file = bag / 'bag_1.mcap'
     file.write_bytes(file.read_bytes()[:-3000])
-    heard = subscribe(node, '/states')
+    received = subscribe(node, '/states')
     with player(f'{bag}@0.1:0.39', topics='[/states]') as program:
         program.wait_for('was never closed, or is truncated or damaged')
         assert spin_until(node, lambda: program.process.poll() is not None, 20.0)
         assert program.process.returncode == 0
     spin_until(node, lambda: False, 0.2)
-    assert len(heard) > 100
-    assert [int(decode_joint_state(data).position[0]) for data in heard] == list(range(100, 100 + len(heard)))
+    assert len(received) > 100
+    assert [int(decode_joint_state(data).position[0]) for data in received] == list(range(100, 100 + len(received)))
 
 
-def test_the_pace_is_the_recordings_and_a_late_subscriber_hears_what_is_latched(bag, node):
+def test_messages_are_played_at_the_recorded_rate_and_latched_ones_reach_late_subscribers(bag, node):
     published = []
     node.create_subscription(JointState, '/states', lambda _, info: published.append(info['source_timestamp']), 1000)
     with player(f'{bag}@0.1:0.4', rate=0.02, wait=0.0) as program:
         assert spin_until(node, lambda: len(published) >= 20, 20.0)
-        # However busy the machine: one may be late, but none too early.
+        # A message may be late on a busy machine, but never early.
         assert published[19] - published[0] > 900 * MS
-        heard = subscribe(node, '/latched')
-        assert spin_until(node, lambda: heard)
-        assert heard == [TEXT]
+        latched = subscribe(node, '/latched')
+        assert spin_until(node, lambda: latched)
+        assert latched == [TEXT]
         assert program.stop(signal.SIGTERM) == 0
 
 
-def test_an_identified_rig_moves_beside_the_played_one_as_a_ghost(tmp_path, node):
-    """By the recorded torque, from the recorded state on, for a second at a time."""
+def test_a_ghost_simulates_the_identified_rig_beside_the_recording(tmp_path, node):
 
     def worst(parameters, bag=f'{SAMPLE}@0:3'):
         """Return the largest difference to the samples as played [rad] by joint."""
-        found = {}, {}
-        for topic, positions in zip(('joint_states', 'ghost/joint_states'), found, strict=True):
+        received = {}, {}
+        for topic, positions in zip(('joint_states', 'ghost/joint_states'), received, strict=True):
             node.create_subscription(
                 JointState,
                 f'/{topic}',
@@ -132,20 +131,19 @@ def test_an_identified_rig_moves_beside_the_played_one_as_a_ghost(tmp_path, node
         ghost = written(tmp_path / 'rig.yaml', parameters)
         with player(bag, rate=2.0, topics='[/joint_states]', ghost=ghost) as program:
             assert spin_until(node, lambda: program.process.poll() == 0), program.output
-        spin_until(node, lambda: len(found[1]) == len(found[0]), 1.0)
-        played, simulated = found
+        spin_until(node, lambda: len(received[1]) == len(received[0]), 1.0)
+        played, simulated = received
         assert len(simulated) > 200
         return np.abs([np.subtract(q, played[stamp]) for stamp, q in simulated.items()]).max(axis=0)
 
     assert worst(PAPER).max() < 0.02
     t = np.arange(300) * 0.01
     write_trajectory(tmp_path / 'driven', simulate(PAPER, t, 0.002 * np.column_stack([0 * t, np.sin(5 * t)])))
-    assert worst(PAPER, tmp_path / 'driven').max() < 0.002, 'the motor of the elbow, where there is one'
+    assert worst(PAPER, tmp_path / 'driven').max() < 0.002, 'the torque of the elbow was ignored'
     assert worst(replace(PAPER, P4=2 * PAPER.P4)).max() > 0.05
 
 
-def test_effort_commands_are_played_only_where_they_are_named_and_all_topics_within_the_namespace(tmp_path, node):
-    """An armed rig would move; a bag of another rig is shown beside this one."""
+def test_effort_commands_are_played_only_on_request_and_all_topics_in_the_namespace(tmp_path, node):
     path = tmp_path / 'bag'
     with BagWriter(path) as writer:
         effort, other = (writer.add_topic(topic, FLOAT) for topic in (COMMAND, '/other'))
@@ -154,20 +152,20 @@ def test_effort_commands_are_played_only_where_they_are_named_and_all_topics_wit
                 writer.write(topic, bytes([0, 1, 0, 0]) + struct.pack('<d', 1.0), START + 10 * k * MS)
         states = writer.add_topic('/states', JOINT_STATE)
         writer.write(states, encode_joint_state(START, ('a', 'b'), [0, 0], [], [0.5, 0]), START)
-    came = {topic: [] for topic in (COMMAND, '/other', '/states', f'/lab1{COMMAND}', '/lab1/states')}
-    for topic, messages in came.items():
+    received = {topic: [] for topic in (COMMAND, '/other', '/states', f'/lab1{COMMAND}', '/lab1/states')}
+    for topic, messages in received.items():
         kind = JointState if topic.endswith('states') else Float64
         node.create_subscription(kind, topic, messages.append, 100, raw=True)
 
     def played(*words, **values):
-        """Return how many messages came on each topic."""
-        for messages in came.values():
+        """Return the number of messages on each topic, and the output of the player."""
+        for messages in received.values():
             messages.clear()
         with Program('player', *parameters(bag=path, wait=10.0, **values), *words) as program:
             assert spin_until(node, lambda: program.process.poll() is not None, 20.0)
             assert program.process.returncode == 0, program.output
         spin_until(node, lambda: False, 0.2)
-        return {topic: len(messages) for topic, messages in came.items() if messages}, program.output
+        return {topic: len(messages) for topic, messages in received.items() if messages}, program.output
 
     counts, output = played()
     assert counts == {'/states': 1}

@@ -34,20 +34,20 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def diagnostics(node):
-    """What the recorder says on /diagnostics: level, text and values by name."""
-    said = []
+    """A growing list of the recorder's diagnostics: level, text and values by name."""
+    statuses = []
 
     def on_diagnostics(message):
         (status,) = message.status
         if status.name == 'recorder':
-            said.append((status.level[0], status.message, {value.key: value.value for value in status.values}))
+            statuses.append((status.level[0], status.message, {value.key: value.value for value in status.values}))
 
     node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, 10)
-    return said
+    return statuses
 
 
 def described(path):
-    """What metadata.yaml says of each topic: how many messages, and the first quality of service."""
+    """Return the number of messages and the first quality of service of each topic, from metadata.yaml."""
     content = yaml.safe_load((path / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     topics = content['topics_with_message_count']
     assert content['message_count'] == sum(topic['message_count'] for topic in topics)
@@ -55,7 +55,7 @@ def described(path):
     return {each['topic_metadata']['name']: each['message_count'] for each in topics}, profiles
 
 
-def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_say_so(tmp_path, node, diagnostics):
+def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagnostics(tmp_path, node, diagnostics):
     state = DiagnosticArray(
         status=[DiagnosticStatus(level=b'\x01', name='n', message='m', values=[KeyValue(key='k', value='ü')])]
     )
@@ -89,16 +89,16 @@ def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_sa
             for message in published[topic]:
                 publishers[topic].publish(message)
         wait(lambda: recorded(path) == 821)
-        # By now it knows every publisher: what comes without reliability is not lost.
+        # Every publisher is discovered by now, so best-effort messages are not lost either.
         publishers['/best_effort'].publish(published['/best_effort'][0])
         wait(lambda: recorded(path) == 822)
-        # What came late while the machine was busy elsewhere is worth a warning, which passes.
+        # On a busy machine late messages cause a warning, which passes.
         assert spin_until(
             node, lambda: diagnostics[-1][2]['/effort messages'] == '300' and diagnostics[-1][:2] == (0, 'recording')
         )
-        said = diagnostics[-1][2]
-        assert said['/effort lost'] == '0'
-        assert float(said['free [MB]']) > 0
+        values = diagnostics[-1][2]
+        assert values['/effort lost'] == '0'
+        assert float(values['free [MB]']) > 0
         assert any(float(each[2]['/effort rate [Hz]']) > 0 for each in diagnostics)
         assert program.stop(signal.SIGINT) == 0
     assert f'recording to {path}' in program.output
@@ -114,22 +114,22 @@ def test_every_message_of_every_quality_of_service_comes_back_and_diagnostics_sa
             assert message.publish_time <= message.log_time <= time.time_ns()
             assert message.publish_time >= started or channel.topic == '/latched'
     assert read == published
-    # It writes one topic's messages after the other's, as they are fetched; rosbags sorts them by log time.
+    # The recorder writes topic by topic; rosbags sorts by log time.
     assert by_rosbags(path) == sorted(by_mcap(path), key=lambda message: message[1])
 
     counts, offered = described(path)
     assert counts == {topic: len(messages) for topic, messages in published.items()}
-    found = {topic: (offered[topic]['reliability'], offered[topic]['durability']) for topic in offered}
-    assert found['/joint_states'] == ('reliable', 'volatile')
-    assert found['/latched'] == ('reliable', 'transient_local')
-    assert found['/best_effort'] == ('best_effort', 'volatile')
+    profiles = {topic: (offered[topic]['reliability'], offered[topic]['durability']) for topic in offered}
+    assert profiles['/joint_states'] == ('reliable', 'volatile')
+    assert profiles['/latched'] == ('reliable', 'transient_local')
+    assert profiles['/best_effort'] == ('best_effort', 'volatile')
     assert offered['/latched']['liveliness'] == 'manual_by_topic'
     times = [offered['/latched'][name] for name in ('deadline', 'lifespan', 'liveliness_lease_duration')]
     assert times == [{'sec': 7, 'nsec': 5}, {'sec': 3600, 'nsec': 0}, {'sec': 60, 'nsec': 0}]
     assert offered['/effort']['deadline'] == {'sec': 9223372036, 'nsec': 854775807}
 
 
-def test_metadata_of_a_killed_recording_names_every_topic_and_counts(tmp_path, node):
+def test_metadata_of_a_killed_recording_has_every_topic_and_message_count(tmp_path, node):
     path = tmp_path / 'bag'
 
     def counts():
@@ -151,7 +151,7 @@ def test_metadata_of_a_killed_recording_names_every_topic_and_counts(tmp_path, n
     assert not BagReader(path).closed
 
 
-def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_named(tmp_path, node, diagnostics):
+def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, node, diagnostics):
     path, poor = tmp_path / 'bag', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
     def last():
@@ -159,7 +159,7 @@ def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_n
         return struct.unpack('<d', message.data[4:])[0]
 
     with recorder(path, '/lost', '/nobody') as program:
-        # It keeps ten for a recorder that does not answer.
+        # The publisher's queue holds ten messages.
         publisher = node.create_publisher(Float64, '/lost', 10)
         wait_for_subscriptions(publisher)
         publisher.publish(Float64(data=0.0))
@@ -178,7 +178,7 @@ def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_n
         wait(lambda: last() == -1.0)
         both = '/lost lost', '/lost messages'
         assert spin_until(node, lambda: sum(int(diagnostics[-1][2][name]) for name in both) == 20_001)
-        # Alone, one that offers less is heard.
+        # Without the other publisher the best-effort one is recorded.
         node.destroy_publisher(publisher)
         passing = node.create_publisher(Float64, '/lost', poor)
         wait_for_subscriptions(passing)
@@ -190,21 +190,21 @@ def test_messages_that_were_lost_are_counted_and_publishers_that_are_not_heard_n
 
 
 def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_path, node):
-    # Twenty of them are in benchmarks/faults. A machine that is busy may fail one, not both.
+    # A busy machine may fail one of two; benchmarks/faults has twenty.
     losses = [lost for lost, _ in kills(node, tmp_path, 2)]
     assert min(losses) <= 100, losses
 
 
 @pytest.mark.parametrize('limited', [True, False], ids=['limit', 'reserve'])
-def test_a_full_disk_is_one_sentence_and_leaves_a_closed_bag(node, diagnostics, tmp_path, limited):
+def test_a_full_disk_is_reported_in_one_sentence_and_leaves_a_closed_bag(node, diagnostics, tmp_path, limited):
     figures = [Figure(*fields) for fields in fills_up(tmp_path, limited=limited)]
     assert all(figure.met for figure in figures), figures
-    said = 'is closed with all earlier messages'
-    assert spin_until(node, lambda: diagnostics and diagnostics[-1][0] == 2 and said in diagnostics[-1][1])
+    text = 'is closed with all earlier messages'
+    assert spin_until(node, lambda: diagnostics and diagnostics[-1][0] == 2 and text in diagnostics[-1][1])
 
 
-def test_a_topic_of_two_types_is_one_sentence(tmp_path, node, ros):
-    # One context holds a topic to one type.
+def test_a_topic_of_two_types_is_reported_in_one_sentence(tmp_path, node, ros):
+    # One context allows one type per topic.
     with ros.Context() as context:
         other = ros.create_node('other', context=context)
         publishers = [node.create_publisher(Float64, '/both', 1), other.create_publisher(String, '/both', 1)]

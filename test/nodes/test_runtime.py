@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What every node shares, in real processes: parameters without sense, and signals at every moment."""
+"""Common behaviour of all nodes in real processes: invalid parameters, clocks, and signals at any time."""
 
 import json
 import signal
@@ -24,10 +24,9 @@ from test.processes import Program, parameters, spin_until
 pytestmark = pytest.mark.ros
 BAG = ROOT / 'bags' / 'paper_experiment'
 
-#: Settings that make no sense: a program, its parameters, and what of its sentence says why.
+#: Invalid settings: program, parameters, and a part of the expected message.
 REFUSED = [
     ('bridge', {'prt': 1.0}, 'bridge: bridge has no parameter prt; is port meant? --help lists them all'),
-    # Degrees are no radians.
     ('bridge', {'zero': '[-90.0, 0.0]'}, 'zero is -90.0; a list of numbers from -7 to 7 rad is'),
     ('bridge', {'sign': '[1, 0]'}, 'sign holds a 0'),
     ('bridge', {'port': "''"}, 'port is empty'),
@@ -35,7 +34,7 @@ REFUSED = [
     ('exciter', {'amplitude_min': 1.0, 'amplitude_max': -1.0}, 'amplitude_min 1 is not below amplitude_max -1'),
     ('exciter', {'period': 'soon'}, 'period is soon'),
     ('exciter', {'use_sim_time': 1}, "'use_sim_time' to '1' of type 'INTEGER', expecting type 'BOOL'"),
-    # Whole numbers and 1e9, which is a text in YAML 1.1, are numbers.
+    # Integers are valid numbers, and so is 1e9, a string in YAML 1.1.
     ('exciter', {'period': 7, 'hold': '1e9'}, 'hold is 1000000000.0; a number from 0.0001 to 60 s is expected'),
     ('bridge', {'zero': '[0, 9]'}, 'zero is 9.0; a list of numbers from -7 to 7 rad is expected'),
     ('recorder', {'output': '/dev/null/bag'}, 'cannot be written'),
@@ -48,20 +47,19 @@ REFUSED = [
     ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
     ('player', {'bag': BAG, 'topics': '[/other]'}, 'has no messages on /other; its topics are /joint_states'),
 ]
-#: Runs them one after the other in one process, for most of the time Python would take to start; and says of each how
-#: it ended.
+#: Runs all in one process, to start Python once; prints the status and the message of each.
 RUN_ALL = """
 import contextlib, importlib, io, json, sys
 for program, arguments in json.loads(sys.argv[1]):
     node = importlib.import_module(f'pendubot_identification.nodes.{program}')
-    sys.argv, said = [program, *arguments], io.StringIO()
-    with contextlib.redirect_stderr(said):
+    sys.argv, message = [program, *arguments], io.StringIO()
+    with contextlib.redirect_stderr(message):
         status = node.main()
-    print(json.dumps([status, said.getvalue()]))
+    print(json.dumps([status, message.getvalue()]))
 """
 
 
-#: Parameter files that make no sense to a bridge, and the reason.
+#: Invalid parameter files of a bridge, and the expected message.
 FILES = [
     ({'bridge': {'torque_limt': 0.1}}, 'bridge has no parameter torque_limt; is torque_limit meant'),
     ({'/**': {'torque_limt': 0.1}}, 'bridge has no parameter torque_limt; is torque_limit meant'),
@@ -72,7 +70,7 @@ FILES = [
 ]
 
 
-def test_settings_that_make_no_sense_are_refused_in_a_sentence(tmp_path):
+def test_invalid_settings_are_refused_in_one_sentence(tmp_path):
     runs = [(program, parameters(**values), sentence) for program, values, sentence in REFUSED]
     for k, (content, sentence) in enumerate(FILES):
         file = tmp_path / f'{k}.yaml'
@@ -81,16 +79,16 @@ def test_settings_that_make_no_sense_are_refused_in_a_sentence(tmp_path):
     command = [sys.executable, '-c', RUN_ALL, json.dumps([run[:2] for run in runs])]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
     for line, (program, _, sentence) in zip(done.stdout.splitlines(), runs, strict=True):
-        status, said = json.loads(line)
+        status, message = json.loads(line)
         assert status == 1, sentence
-        assert said.startswith(f'{program}: ')
-        assert sentence in said
-        assert said.count('\n') == 1, said
-    assert {file.suffix for file in tmp_path.iterdir()} == {'.yaml'}, 'no bag is begun'
+        assert message.startswith(f'{program}: ')
+        assert sentence in message
+        assert message.count('\n') == 1, message
+    assert {file.suffix for file in tmp_path.iterdir()} == {'.yaml'}, 'a bag was begun'
 
 
-def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_are_typed(node, tmp_path):
-    """ROS's own tools hand on a number without a dot, 1e-09, as text."""
+def test_a_node_loads_parameters_dumped_by_ros2_and_accepts_numbers_as_typed(node, tmp_path):
+    """ROS tools pass a number without a dot, 1e-09, as a string."""
     file = tmp_path / 'dump.yaml'
 
     def answer(future):
@@ -98,7 +96,7 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
         return future.result()
 
     def dump():
-        """The parameters of the node as ``ros2 param dump`` writes them."""
+        """Return the parameters of the node as ``ros2 param dump`` writes them."""
         names = answer(client.list_parameters()).result.names
         values = map(parameter_value_to_python, answer(client.get_parameters(names)).values)
         return yaml.dump({'/identifier': {'ros__parameters': dict(zip(names, values, strict=True))}})
@@ -111,16 +109,16 @@ def test_a_node_takes_back_the_parameters_that_ros2_dumped_and_numbers_as_they_a
         results = answer(client.load_parameter_file(str(file), True)).results
         names = parameter_dict_from_yaml_file(str(file), True)
         refused = {name for name, result in zip(names, results, strict=True) if not result.successful}
-        # The first one is ROS's own, and of no node can it be set; the second one counts at the start alone.
+        # The first is ROS's own and read-only; the second is read at the start alone.
         assert refused <= {'start_type_description_service', 'autostart'}
-        for text, taken in (('0', True), ('1e-8', True), ('.nan', False), ('many', False), ('[1e-8]', False)):
+        for text, accepted in (('0', True), ('1e-8', True), ('.nan', False), ('many', False), ('[1e-8]', False)):
             typed = ParameterMessage(name='spread', value=get_parameter_value(text))
             (result,) = answer(client.set_parameters([Parameter.from_parameter_msg(typed)])).results
-            assert result.successful == taken, text
+            assert result.successful == accepted, text
         assert 'spread: 1.0e-08' in dump()
 
 
-def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock_then(node, tmp_path):
+def test_with_use_sim_time_diagnostics_are_stamped_by_the_clock_topic_once_it_is_published(node, tmp_path):
     stamps = []
     node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: stamps.append(array.header.stamp.sec), 10)
     clock, message, begin = node.create_publisher(Clock, '/clock', 1), Clock(), int(time.time())
@@ -132,7 +130,7 @@ def test_diagnostics_are_stamped_while_nobody_publishes_a_clock_and_by_the_clock
 
 
 @pytest.mark.parametrize('second', [signal.SIGINT, signal.SIGHUP])
-def test_more_signals_than_one_change_no_exit_status(tmp_path, second):
+def test_repeated_signals_do_not_change_the_exit_status(tmp_path, second):
     with Program('bridge', *parameters(port=tmp_path / 'board')) as bridge:
         bridge.wait_for('missing')
         bridge.process.send_signal(signal.SIGINT)
@@ -144,25 +142,25 @@ def test_more_signals_than_one_change_no_exit_status(tmp_path, second):
         assert 'Traceback' not in bridge.output
 
 
-#: As the console scripts start a node, said when it is about to import ROS.
+#: Starts a node like a console script, and prints when it is about to import ROS.
 STARTED = """
 import sys
 from pendubot_identification import programs
-class Tell:
+class Announce:
     def find_spec(self, name, *_):
         if name == 'rclpy':
             print('importing', flush=True)
-sys.meta_path.insert(0, Tell())
+sys.meta_path.insert(0, Announce())
 sys.exit(programs.bridge())
 """
 
 
-def test_a_signal_while_it_starts_is_no_failure():
+def test_a_signal_during_startup_is_no_failure():
     process = subprocess.Popen(
         [sys.executable, '-c', STARTED], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     assert process.stdout.readline() == 'importing\n'
     process.send_signal(signal.SIGTERM)
-    _, said = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == 0
-    assert said == ''
+    assert errors == ''

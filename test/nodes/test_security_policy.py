@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The policy for SROS2 against the real nodes: it allows what each of them uses, and nothing that none of them does."""
+"""The SROS2 policy, compared with the topics and services of the real nodes."""
 
 from contextlib import ExitStack, contextmanager
 from fnmatch import fnmatchcase
@@ -27,7 +27,7 @@ LOOK = {
     'reply': 'get_service_names_and_types_by_node',
     'request': 'get_client_names_and_types_by_node',
 }
-#: The topics and services of an action, by what a node does with it.
+#: Topics and services of an action, by role of the node.
 ACTIONS = {
     'execute': {
         'publish': ('/_action/feedback', '/_action/status'),
@@ -38,7 +38,7 @@ ACTIONS = {
 
 
 def policy():
-    """What each enclave allows: expressions of full names by node and kind, such as ('bridge', 'publish')."""
+    """Return the patterns of names that each enclave allows, by node and kind, such as ('bridge', 'publish')."""
     allowed = {}
     (enclaves,) = ElementTree.parse(ROOT / 'config' / 'sros2_policy.xml').getroot()
     for enclave in enclaves:
@@ -50,29 +50,29 @@ def policy():
             assert qualifier == 'ALLOW'
             names = {'/' + entry.text.replace('~', node).removeprefix('/') for entry in rules}
             for each, parts in ACTIONS.get(kind, {kind: ('',)}).items():
-                made = {name + part for name in names for part in parts}
-                allowed.setdefault((profile.get('node'), each), set()).update(made)
+                full = {name + part for name in names for part in parts}
+                allowed.setdefault((profile.get('node'), each), set()).update(full)
     return allowed
 
 
-def unlike(names, expressions):
-    """The names that no expression allows, and the expressions that no name needs."""
+def mismatches(names, expressions):
+    """Return names that no pattern allows, and patterns that no name needs."""
     wrong = {name for name in names if not any(fnmatchcase(name, each) for each in expressions)}
     return wrong | {each for each in expressions if not any(fnmatchcase(name, each) for name in names)}
 
 
 @contextmanager
 def observing(ros):
-    """Yield a node that is a participant of its own."""
+    """Yield a node in a new participant."""
     context = Context()
     ros.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
     yield ros.create_node('observer', context=context)
     context.shutdown()
 
 
-def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, node, tmp_path):
+def test_the_policy_allows_exactly_the_topics_and_services_that_the_nodes_use(ros, node, tmp_path):
     # The balancer publishes torques only while it drives (test_balancer).
-    # The watcher destroys the publisher that rclpy makes for every node.
+    # The watcher destroys the publisher that rclpy creates for every node.
     used = {('balancer', 'publish'): {EFFORT}, ('watcher', 'publish'): {'/parameter_events'}}
     allowed = policy()
     values = {
@@ -83,12 +83,12 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, node, tmp_path):
     values['player']['ghost'] = written(tmp_path / 'rig.yaml', PAPER)
 
     def differences(observer, programs):
-        """What one of them uses and may not, and what it may and has not been seen to use."""
-        there = {name for name, _ in observer.get_node_names_and_namespaces()}
-        for program, kind in product(there.intersection(programs), LOOK):
-            found = getattr(observer, LOOK[kind])(program, '/')
-            used.setdefault((program, kind), set()).update(name for name, _ in found)
-        compared = {each: unlike(used.get(each, ()), allowed.get(each, ())) for each in product(programs, LOOK)}
+        """Return names used but not allowed, and patterns allowed but not used, by program and kind."""
+        nodes = {name for name, _ in observer.get_node_names_and_namespaces()}
+        for program, kind in product(nodes.intersection(programs), LOOK):
+            topics = getattr(observer, LOOK[kind])(program, '/')
+            used.setdefault((program, kind), set()).update(name for name, _ in topics)
+        compared = {each: mismatches(used.get(each, ()), allowed.get(each, ())) for each in product(programs, LOOK)}
         return {each: wrong for each, wrong in compared.items() if wrong}
 
     def start(*names):
@@ -96,7 +96,7 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, node, tmp_path):
         started = [
             programs.enter_context(Program(name, *words[name], *parameters(**values.get(name, {})))) for name in names
         ]
-        # On a busy machine Fast DDS may not tell one participant of a node that others know: another one looks then.
+        # On a busy machine a Fast DDS participant may miss a node: a new participant looks again.
         for _ in range(4):
             with observing(ros) as observer:
                 if spin_until(node, lambda observer=observer: not differences(observer, names), 15.0):
@@ -105,18 +105,17 @@ def test_the_policy_allows_what_the_nodes_use_and_no_more(ros, node, tmp_path):
         return pytest.fail('\n'.join([missed, *(each.output for each in started)]))
 
     with ExitStack() as programs:
-        # The player publishes joint states, too, and an exciter beside two publishers ends.
+        # The exciter would end beside the player, a second publisher of joint states.
         (bridge, _), _ = start('bridge', 'exciter')
         bridge.stop()
-        # The recorder subscribes to what is published.
+        # The recorder subscribes only to topics with a publisher.
         node.create_publisher(JointState, '/pendubot/joint_commands', 1)
         node.create_publisher(Float64, EFFORT, 1)
-        _, there = start('player', 'identifier', 'recorder', 'balancer', 'tracker', 'virtual_board', 'watcher')
-        # The studio starts the watcher, so it names its enclave itself.
-        assert ('watcher', '/', '/pendubot/watcher') in there
-    # Who commands torques is what it is all about.
+        _, nodes = start('player', 'identifier', 'recorder', 'balancer', 'tracker', 'virtual_board', 'watcher')
+        # The studio starts the watcher, which selects its enclave itself.
+        assert ('watcher', '/', '/pendubot/watcher') in nodes
     drivers = {node for (node, kind), names in allowed.items() if kind == 'publish' and EFFORT in names}
     assert drivers == {'exciter', 'balancer'}
-    # Whoever calls services by hand may call those of every node.
+    # The operator may call the services of every node.
     served = {name for (_, kind), names in used.items() if kind == 'reply' for name in names}
-    assert not unlike(served, allowed[('operator', 'request')])
+    assert not mismatches(served, allowed[('operator', 'request')])

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The tracker in its own process: it hears samples alone, and publishes the parameters of the moment."""
+"""The tracker in its own process: samples in, current parameters out."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ IN_LAB1 = '--ros-args', '-r', '__ns:=/lab1'
 
 
 class Rig(Observer):
-    """A rig in /lab1 whose samples come as fast as they are taken, and a node that hears the tracker."""
+    """Publishes recorded samples in /lab1 and subscribes to the tracker."""
 
     def __init__(self, ros, recorded):
         super().__init__(ros, '/lab1')
@@ -39,7 +39,7 @@ class Rig(Observer):
             self.sent += 1
 
     def shows(self, true):
-        """Tell whether the parameters last published are true, and their quality is published."""
+        """Return whether the last published parameters are accurate, with their quality published."""
         if not self.params or 'P1' not in values(self.quality[-1]):
             return False
         theta = np.array(self.params[-1].data)
@@ -58,7 +58,7 @@ def rig(ros, recorded):
         yield rig
 
 
-def test_the_parameters_of_the_moment_are_published_in_its_namespace(rig):
+def test_current_parameters_are_published_in_the_trackers_namespace(rig):
     with Program('tracker', *IN_LAB1) as tracker:
         tracker.wait_for(NEEDED)
         rig.until(rig.samples.get_subscription_count)
@@ -74,7 +74,7 @@ def test_the_parameters_of_the_moment_are_published_in_its_namespace(rig):
         tracker.wait_for('payload on link 2', 60.0)
         rig.until(lambda: rig.shows(after), 60.0)
         assert 'payload on link 2, at 19.' in values(rig.quality[-1])['last_change']
-        # Held parameters stay published, and newer ones come when they are released.
+        # While held, the published parameters stay; after the release new ones follow.
         assert rig.call(SetBool, 'tracker/hold', data=True).success
         assert rig.call(Trigger, 'tracker/reset').success
         rig.quality.clear()
@@ -84,7 +84,7 @@ def test_the_parameters_of_the_moment_are_published_in_its_namespace(rig):
         assert tracker.stop() == 0
 
 
-def test_samples_of_two_publishers_are_refused_and_it_begins_anew_with_the_one_that_is_left(rig, stranger):
+def test_samples_of_two_publishers_are_ignored_and_tracking_restarts_when_one_is_gone(rig, stranger):
     rivals = '/lab1/joint_states has 2 publishers: /elsewhere/stranger, /lab1/listener; only one program may publish'
     with Program('tracker', *IN_LAB1) as tracker:
         rig.until(rig.samples.get_subscription_count)
@@ -92,9 +92,9 @@ def test_samples_of_two_publishers_are_refused_and_it_begins_anew_with_the_one_t
         rig.until(lambda: rig.params, 60.0)
         second = stranger.create_publisher(JointState, '/lab1/joint_states', quality(10, True, False))
         tracker.wait_for(rivals)
-        for told in (rig.quality, rig.statuses):
-            rig.until(lambda told=told: told and told[-1].level == ERROR and rivals in told[-1].message)
-        # Whoever publishes them, no sample is used.
+        for topic in (rig.quality, rig.statuses):
+            rig.until(lambda topic=topic: topic and topic[-1].level == ERROR and rivals in topic[-1].message)
+        # No sample of either publisher is used.
         rig.params.clear()
         taken = values(rig.statuses[-1])['samples']
         rig.send(28.0)

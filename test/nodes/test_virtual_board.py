@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the virtual board's options make of it; test_bridge.py has the program itself."""
+"""The options of the virtual board; test_bridge.py tests the program itself."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from test.processes import Program, run_program
 
 
 def arm(board, torque=0):
-    """Arm a board for half a second, as a host does that has heard its HELLO, and command a torque [micro-N m]."""
+    """Arm a board for half a second after its HELLO, and command a torque [micro-N m]."""
     hello, state = Decoder().feed(board.sample())
     board.move()
     request = Arm(1, 0, hello.boot_id, 7, state.lock, 500)
@@ -26,7 +26,7 @@ def arm(board, torque=0):
 
 
 def pushed(*options):
-    """Return where the shoulder is [counts] after 0.3 s under 0.05 N m."""
+    """Return the shoulder position [counts] after 0.3 s under 0.05 N m."""
     board = make_board(parser().parse_args(['--seed', '1', *map(str, options)]))
     arm(board, 50_000)
     for _ in range(31):
@@ -34,7 +34,7 @@ def pushed(*options):
     return board.last.enc1
 
 
-def test_a_result_takes_the_papers_place(tmp_path):
+def test_a_result_file_replaces_the_papers_parameters(tmp_path):
     free = pushed()
     assert pushed('--parameters', written(tmp_path / 'paper.yaml', PAPER)) == free
     braked = replace(PAPER, Fc1=0.02, J2=1e-4, Fs1=0.02, k1=0.2)
@@ -42,14 +42,14 @@ def test_a_result_takes_the_papers_place(tmp_path):
     assert pushed('--parameters', written(tmp_path / 'held.yaml', replace(PAPER, Fc1=0.5))) <= 1
 
 
-def test_parameters_that_no_pendubot_has_are_refused(tmp_path):
+def test_unphysical_parameters_are_refused(tmp_path):
     with pytest.raises(ParameterError, match='rotor inertia J2 = -1 is negative'):
         pushed('--parameters', written(tmp_path / 'result.yaml', replace(PAPER, J2=-1.0)))
     with pytest.raises(ResultError, match='there is no file'):
         pushed('--parameters', tmp_path / 'nowhere.yaml')
 
 
-def test_it_is_held_where_it_begins_until_it_is_first_armed():
+def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
     options = ['--preset', 'balance', '--start', 'upright', '--spread', '0.1', '--rate', '200', '--seed', '3']
     board = make_board(parser().parse_args(options))
     first = board.sample()
@@ -63,7 +63,7 @@ def test_it_is_held_where_it_begins_until_it_is_first_armed():
     board.receive(encode(Arm(1, 0, hello.boot_id, 7, state.lock, 500)))
     for _ in range(100):
         board.advance()
-    assert abs(board.last.enc1 - begin[0]) > 100, 'then it falls'
+    assert abs(board.last.enc1 - begin[0]) > 100, 'it must fall after arming'
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_it_is_held_where_it_begins_until_it_is_first_armed():
         (['--link', __file__], 1, 'no link to a pty'),
     ],
 )
-def test_the_virtual_board_explains_itself(options, status, text):
+def test_options_are_accepted_or_refused_with_a_message(options, status, text):
     done = run_program('virtual_board', *options)
     assert done.returncode == status
     assert text in done.stdout + done.stderr
@@ -85,18 +85,17 @@ def test_the_virtual_board_explains_itself(options, status, text):
 
 
 @pytest.mark.ros
-def test_as_a_node_it_has_the_payload_as_a_parameter(ros):
+def test_the_node_has_the_payload_as_a_parameter(ros):
     with Program('virtual_board', '--ros-args') as board, Observer(ros) as observer:
         assert observer.set('/virtual_board', payload=0.03).successful
         board.wait_for('link 2 carries 0.03 kg')
         assert 'out of range' in observer.set('/virtual_board', payload=-1.0).reason
 
 
-def test_a_trace_that_cannot_be_written_any_more_is_one_sentence(tmp_path):
+def test_a_full_disk_is_reported_in_one_sentence_and_the_trace_is_kept(tmp_path):
     link, trace = tmp_path / 'board', tmp_path / 'trace.csv'
     ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace, file_limit=8192)
     assert ended.returncode == 1
-    said = f'virtual_board: {trace} cannot be written (File too large); choose a folder that can be\n'
-    assert ended.stderr == said
+    assert ended.stderr == f'virtual_board: {trace} cannot be written (File too large); choose a folder that can be\n'
     assert not link.is_symlink()
-    assert trace.stat().st_size == 8192, 'what there was room for is there'
+    assert trace.stat().st_size == 8192, 'the trace must be complete up to the limit'

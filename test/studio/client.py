@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The studio in a process of its own, and a page's requests without a browser."""
+"""The studio in its own process, and a page's requests without a browser."""
 
 import json
 from http.client import HTTPConnection
@@ -15,7 +15,7 @@ pytest.importorskip('aiohttp')
 
 
 class Studio(Program):
-    """The program, with its address."""
+    """The program and its address."""
 
     def __init__(self, *files, program=('pendubot', 'studio', '--no-browser'), **how):
         super().__init__(*program, *files, **how)
@@ -34,13 +34,13 @@ class Studio(Program):
         return Page(self)
 
     def workers(self):
-        """The processes of its tasks."""
+        """Return the PIDs of its worker processes."""
         with open(f'/proc/{self.process.pid}/task/{self.process.pid}/children') as file:
             return {*map(int, file.read().split())}
 
 
 class Page:
-    """A session, as a page has one."""
+    """A session like a page's."""
 
     def __init__(self, studio):
         self.studio = studio
@@ -51,15 +51,15 @@ class Page:
         answer = self.studio.request('PUT', f'{self.path}files/{quote(name)}', content)
         return answer.status, answer.read().decode()
 
-    def post(self, what, *names, validate=(), windows=None, **options):
-        """Send a job; return the response, whose lines come as they are said."""
-        bags, judges = ([{'name': name, **(windows or {})} for name in part] for part in (names, validate))
-        body = json.dumps({'bags': bags, 'validate': judges, 'options': options})
-        return self.studio.request('POST', self.path + what, body)
+    def post(self, task, *names, validate=(), windows=None, **options):
+        """Start a task; return the response, whose lines are its events."""
+        bags, validation = ([{'name': name, **(windows or {})} for name in part] for part in (names, validate))
+        body = json.dumps({'bags': bags, 'validate': validation, 'options': options})
+        return self.studio.request('POST', self.path + task, body)
 
-    def do(self, what, *names, **how):
+    def do(self, task, *names, **how):
         """Return the last event of a task."""
-        return json.loads(self.post(what, *names, **how).read().splitlines()[-1])
+        return json.loads(self.post(task, *names, **how).read().splitlines()[-1])
 
     def output(self, name):
         answer = self.studio.request('GET', f'{self.path}output/{name}')
@@ -67,7 +67,7 @@ class Page:
 
 
 def csv(motion, separator=',', decimal='.', names=('t', 'q1', 'q2', 'tau1'), convert=lambda q: q):
-    """A motion as a text with columns."""
+    """Return a motion as CSV text."""
     columns = zip(motion.t, *convert(motion.q).T, motion.tau[:, 0], strict=True)
     rows = [separator.join(f'{value:.12g}'.replace('.', decimal) for value in row) for row in columns]
     return '\n'.join([separator.join(names), *rows])

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A running rig that is not there: joint states at 200 Hz and the parameters of a tracker, until a signal."""
+"""Publishes joint states at 200 Hz and a tracker's parameters until a signal, in place of a rig."""
 
 import math
 import time
@@ -27,7 +27,7 @@ def main():
 
     def sample():
         t = time.monotonic()
-        # As joint_state_broadcaster orders them.
+        # In the order of joint_state_broadcaster.
         message = JointState(name=['elbow', 'shoulder'], position=[0.5, math.sin(t)], effort=[0.0, 0.25])
         message.header.stamp = node.get_clock().now().to_msg()
         joints.publish(message)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The studio in a real browser, by mouse alone: from a dropped file to a result; stop; the running rig; a telephone."""
+"""The studio in a real browser: from a dropped file to a result, stopping, the live view, a telephone."""
 
 import shlex
 from dataclasses import asdict
@@ -25,13 +25,13 @@ except ImportError:
     expect = None
 
 pytestmark = NEEDS_BROWSER
-#: As a hand lets go of a file above the page.
+#: Drops a file on the page.
 DROP = """({name, text}) => {
   const dataTransfer = new DataTransfer();
   dataTransfer.items.add(new File([text], name));
   document.querySelector('.drop').dispatchEvent(new DragEvent('drop', {dataTransfer, bubbles: true, cancelable: true}));
 }"""
-#: A result file from which a fit starts.
+#: A result file as the start of a fit.
 BEFORE = yaml.safe_dump(
     {'schema': 1, 'parameters': {name: {'value': x} for name, x in asdict(PAPER).items() if x}}
 ).encode()
@@ -54,7 +54,7 @@ def studio():
 
 @pytest.fixture
 def opened(browser, studio):
-    """Opens the studio; at the end nothing may have been said on the console, or asked of anyone else."""
+    """Opens the studio; fails at the end for console messages or requests to other hosts."""
     with watched(browser) as shown:
 
         def opened(program=studio, **how):
@@ -72,7 +72,7 @@ def choose(page, label, value):
     page.get_by_label(label, exact=True).select_option(value)
 
 
-def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(opened):
+def test_a_german_csv_in_degrees_from_hanging_is_identified_by_mouse_alone(opened):
     motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
     names = 'Messzeit', 'Phi A', 'q2', 'tau1'
     text = csv(motion, ';', ',', names, lambda q: np.degrees(q - HANGING))
@@ -111,13 +111,11 @@ def test_a_german_csv_in_degrees_from_hanging_becomes_a_result_by_mouse_alone(op
     for name in ('P1', 'P2', 'P4', 'P5', 'b1'):
         assert found[name]['value'] == pytest.approx(getattr(PAPER, name), rel=0.01)
     words = shlex.split(page.locator('.command code div').first.inner_text())
-    assert {'--criterion=weak', '--decimal', '--degrees'} <= {*words}, (
-        'of which test_server shows that they do the same'
-    )
+    assert {'--criterion=weak', '--decimal', '--degrees'} <= {*words}
 
 
 def accessible(page):
-    """Neither in light nor in dark, axe-core has serious findings."""
+    """Assert that axe-core has no serious findings in the light and the dark scheme."""
     for scheme in ('light', 'dark'):
         page.emulate_media(color_scheme=scheme)
         assert serious(page) == [], scheme
@@ -132,12 +130,12 @@ def sample(page):
 
 @pytest.fixture
 def slow():
-    """Without the compiled kernel, a fit takes minutes."""
+    """A studio without the compiled kernel, where a fit takes minutes."""
     with Studio(env={'PENDUBOT_KERNEL': 'off'}) as program:
         yield program
 
 
-def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
+def test_stopping_a_fit_ends_its_process(slow, opened):
     page = opened(slow)
     sample(page)
     page.get_by_text('by differential evolution').click()
@@ -161,7 +159,7 @@ def test_a_fit_is_stopped_in_its_midst_and_its_program_with_it(slow, opened):
     click(page, 'Stop')
 
 
-def test_every_step_fits_a_telephone_and_axe_finds_nothing_serious_there(opened):
+def test_every_step_fits_a_telephone_and_is_accessible(opened):
     page = opened(viewport={'width': 360, 'height': 740}, reduced_motion='reduce')
 
     def look(heading):
@@ -192,7 +190,7 @@ def test_every_step_fits_a_telephone_and_axe_finds_nothing_serious_there(opened)
     look('The parameters of the rig')
 
 
-def test_units_of_a_header_are_taken_and_named(opened):
+def test_units_in_a_header_are_used_and_shown(opened):
     motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
     page = opened()
     page.get_by_text('Drop recordings here').wait_for()
@@ -203,7 +201,7 @@ def test_units_of_a_header_are_taken_and_named(opened):
     expect(page.get_by_label('unit of q1', exact=True)).to_have_value('true')
 
 
-def test_the_folder_of_a_bag_is_dropped(opened):
+def test_the_folder_of_a_bag_can_be_dropped(opened):
     page = opened()
     box = page.locator('.drop').bounding_box()
     data = {'items': [], 'files': [str(ROOT / 'bags' / 'paper_experiment')], 'dragOperationsMask': 1}
@@ -217,7 +215,7 @@ def test_the_folder_of_a_bag_is_dropped(opened):
 
 
 @pytest.mark.ros
-def test_the_running_rig_moves_in_the_page(opened):
+def test_the_live_view_shows_the_running_rig(opened):
     with Program(Path(__file__).with_name('publisher.py')):
         page = opened()
         click(page, 'Live')
@@ -229,4 +227,4 @@ def test_the_running_rig_moves_in_the_page(opened):
         before = link.get_attribute('d')
         expect(link).not_to_have_attribute('d', before)
         accessible(page)
-        assert page.locator('#live button').count() == 0, 'nothing can be commanded'
+        assert page.locator('#live button').count() == 0, 'the page must not command the rig'

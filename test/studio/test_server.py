@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The studio as a server: who is answered, what is kept, several pages at once, files that are too large or a trap."""
+"""The studio's server: access, storage of files, concurrent pages, and files too large or malicious."""
 
 import gzip
 import json
@@ -50,7 +50,7 @@ def page(studio):
     studio.request('POST', f'{page.path}end').read()
 
 
-def test_only_who_knows_the_token_is_answered_by_this_name_and_on_this_address(studio):
+def test_requests_need_the_token_the_host_name_and_the_local_address(studio):
     policy = studio.request('GET', '').getheader('Content-Security-Policy')
     assert policy.startswith("default-src 'none'")
     assert 'http' not in policy
@@ -65,13 +65,13 @@ def test_only_who_knows_the_token_is_answered_by_this_name_and_on_this_address(s
 
 
 @pytest.mark.parametrize('name', ['../up.csv', '.hidden', '-rf', 'a/b/c.csv', 'a\\b', 'a/..', 'x' * 300, 'a\nb'])
-def test_a_name_that_leads_elsewhere_is_refused(page, name):
-    status, said = page.give(name, b'x')
+def test_a_file_name_outside_the_folder_is_refused(page, name):
+    status, message = page.give(name, b'x')
     assert status in (400, 403, 404)
-    assert status == 404 or 'rename' in said or 'token' in said
+    assert status == 404 or 'rename' in message or 'token' in message
 
 
-def test_files_are_private_and_are_deleted_with_their_page_and_with_the_program(motion, tmp_path):
+def test_files_are_private_and_deleted_with_their_page_and_with_the_program(motion, tmp_path):
     with Studio(env={'TMPDIR': str(tmp_path)}) as program:
         pages = program.open(), program.open()
         for each in pages:
@@ -87,8 +87,8 @@ def test_files_are_private_and_are_deleted_with_their_page_and_with_the_program(
     assert 'Traceback' not in program.output
 
 
-def test_the_command_gives_the_same_result(page, motion, tmp_path):
-    """So are the files for other programs, and those of pendubot export; the page of the result is sandboxed."""
+def test_the_shown_command_gives_the_same_result(page, motion, tmp_path):
+    """Exported files are equal, too; the page of the result is sandboxed."""
     columns = {
         'columns': 't=Zeit, [ms],q1=a',
         'time_unit': 'ms',
@@ -117,7 +117,7 @@ def test_the_command_gives_the_same_result(page, motion, tmp_path):
     assert page.output('pendubot.urdf') == (tmp_path / 'rig.urdf').read_text()
 
 
-def test_two_pages_work_at_once_and_do_not_hear_of_each_other(studio, motion):
+def test_two_pages_work_concurrently_and_independently(studio, motion):
     t = np.arange(0, 18, 0.005)
     tau = np.column_stack([0.6 * np.sign(np.sin(9 * t)) * (np.sin(2.3 * t) > 0), np.zeros_like(t)])
     motions, pages = (motion, simulate(BALANCE, t, tau, HANGING)), (studio.open(), studio.open())
@@ -125,14 +125,14 @@ def test_two_pages_work_at_once_and_do_not_hear_of_each_other(studio, motion):
         assert page.give('run.csv', csv(each))[0] == 200
     answers = [page.post('identify', 'run.csv', **QUICK) for page in pages]
     first = [json.loads(answer.readline()) for answer in answers]
-    assert all('progress' in event for event in first), 'both work before either is awaited'
+    assert all('progress' in event for event in first), 'both must run at once'
     for page, answer, true in zip(pages, answers, (PAPER, BALANCE), strict=True):
         assert 'done' in json.loads(answer.read().splitlines()[-1])
         found = yaml.safe_load(page.output('result.yaml'))['parameters']
         assert found['P4']['value'] == pytest.approx(true.P4, rel=0.02)
 
 
-def test_a_shell_repeats_the_checks_and_a_fit_starts_from_a_result_file(page, motion, tmp_path, monkeypatch, capsys):
+def test_the_shell_gives_the_same_checks_and_a_fit_starts_from_a_result(page, motion, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = csv(motion[:500], names=('t', 'phi', 'q2', 'tau1'))
     page.give('run.csv', text)
@@ -150,22 +150,22 @@ def test_a_shell_repeats_the_checks_and_a_fit_starts_from_a_result_file(page, mo
     assert yaml.safe_load(page.output('result.yaml'))['made_by']['start'][:7] == PAPER.vector().tolist()
 
 
-SENTENCES = {
+BROKEN = {
     'german.csv': b'Zeit;q1;q2;tau1\n' + b''.join(b'0,%02d;0,1;0,2;0,3\n' % k for k in range(99)),
     'cut.csv.gz': gzip.compress(b't,q1,q2,tau1\n' * 99)[:40],
     'broken.mcap': b'\x89MCAP0\r\n' + bytes(99),
 }
 
 
-def test_a_bad_file_gets_the_sentence_of_the_shell(page, tmp_path, monkeypatch, capsys):
+def test_an_invalid_file_gives_the_same_message_as_in_the_shell(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    for name, content in SENTENCES.items():
+    for name, content in BROKEN.items():
         Path(name).write_bytes(content)
         assert main(['identify', name]) == 1
-        said = ' '.join(capsys.readouterr().err.split())
+        message = ' '.join(capsys.readouterr().err.split())
         page.give(name, content)
         described = page.do('describe', name)['done']['problem']
-        assert said == f'pendubot: {described["sentence"]}'
+        assert message == f'pendubot: {described["sentence"]}'
         assert (described['remedy'] == {'decimal': 'comma'}) == (name == 'german.csv')
     (checked,) = page.do('check', name)['done']['findings']
     assert checked['sentence'] == described['sentence']
@@ -185,19 +185,19 @@ def bomb_zip(path):
 
 
 @pytest.mark.parametrize(('name', 'make'), [('a.csv.gz', bomb_gz), ('a.xlsx', bomb_zip), ('a.npz', bomb_zip)])
-def test_a_bomb_is_refused_with_a_sentence_here_and_in_the_shell(page, tmp_path, name, make, monkeypatch, capsys):
+def test_a_decompression_bomb_is_refused_here_and_in_the_shell(page, tmp_path, name, make, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     make(Path(name))
     assert Path(name).stat().st_size < 10 << 20
     assert page.give(name, Path(name).read_bytes())[0] == 200
-    said = page.do('describe', name)['done']['problem']['sentence']
-    assert said.startswith(f'{name} unpacks to more than 512 MB')
+    message = page.do('describe', name)['done']['problem']['sentence']
+    assert message.startswith(f'{name} unpacks to more than 512 MB')
     assert main(['identify', name]) == 1
-    assert capsys.readouterr().err == f'pendubot: {said}\n'
+    assert capsys.readouterr().err == f'pendubot: {message}\n'
 
 
 def test_a_file_of_160_mb_is_received_and_a_window_of_it_is_identified(page, motion):
-    """A long recording of 200 Hz with a long remark in every row."""
+    """A long recording at 200 Hz with a long remark in every row."""
     t = np.arange(0, 700, 0.005)
     q, tau = (np.column_stack([np.interp(t % 18, motion.t, x) for x in values.T]) for values in (motion.q, motion.tau))
     remark = 'x' * 1120
@@ -224,27 +224,27 @@ sys.exit(main(['studio', '--no-browser']))
 """
 
 
-def test_more_than_the_limit_is_not_kept(tmp_path):
+def test_files_beyond_the_size_limit_are_refused(tmp_path):
     (tmp_path / 'limited.py').write_text(LIMITED)
     with Studio(program=(tmp_path / 'limited.py',), env={'TMPDIR': str(tmp_path)}) as studio:
         page = studio.open()
         assert page.give('a.csv', b'x' * 900)[0] == 200
-        status, said = page.give('b.csv', b'x' * 200)
+        status, message = page.give('b.csv', b'x' * 200)
         assert status == 400
-        assert 'all files exceed' in said
+        assert 'all files exceed' in message
         (root,) = (each for each in tmp_path.iterdir() if each.is_dir())
         assert [each.name for each in root.rglob('*') if each.is_file()] == ['a.csv']
 
 
-def test_on_a_full_disk_the_sentence_helps_and_names_no_private_folder(tmp_path):
+def test_on_a_full_disk_the_message_has_a_remedy_and_no_private_path(tmp_path):
     with Studio(env={'TMPDIR': str(tmp_path)}, before=('prlimit', '--fsize=300000')) as program:
-        said = program.open().do('identify', 'paper_experiment', **QUICK)['problem']['sentence']
-    assert 'cannot be stored (File too large)' in said
-    assert 'free space' in said
-    assert str(tmp_path) not in said
+        message = program.open().do('identify', 'paper_experiment', **QUICK)['problem']['sentence']
+    assert 'cannot be stored (File too large)' in message
+    assert 'free space' in message
+    assert str(tmp_path) not in message
 
 
-def test_recordings_may_be_given_in_the_terminal(tmp_path):
+def test_recordings_may_be_given_on_the_command_line(tmp_path):
     missing = run_program('pendubot', 'studio', tmp_path / 'none.csv', '--no-browser')
     assert missing.returncode == 1
     assert missing.stderr == f'pendubot: there is no recording {tmp_path / "none.csv"}; check its name and folder\n'
@@ -254,7 +254,7 @@ def test_recordings_may_be_given_in_the_terminal(tmp_path):
         assert page.do('describe', 'paper_experiment')['done']['joints'] == ['shoulder', 'elbow']
 
 
-def test_an_option_or_a_recording_that_there_is_not_is_refused(page):
+def test_unknown_options_and_recordings_are_refused(page):
     for wrong in ({'start': '/etc/passwd'}, {'nonsense': '1'}):
         answer = page.post('check', 'paper_experiment', **wrong)
         assert answer.status == 400
@@ -262,11 +262,11 @@ def test_an_option_or_a_recording_that_there_is_not_is_refused(page):
     assert page.post('check', '/etc/passwd').status == 400
     assert 'is expected' in page.do('check', 'paper_experiment', gear='x')['problem']['sentence']
     assert 'is expected' in page.do('identify', 'paper_experiment', bounds='b2')['problem']['sentence']
-    assert page.do('describe', 'paper_experiment', criterion='weak', bounds='b2=0')['done'], 'of reading there is none'
+    assert page.do('describe', 'paper_experiment', criterion='weak', bounds='b2=0')['done']
 
 
 @pytest.mark.ros
-def test_the_running_rig_is_relayed_by_a_program_that_only_listens(studio, ros):
+def test_the_running_rig_is_relayed_by_a_node_without_publishers_and_services(studio, ros):
     with Program(Path(__file__).with_name('publisher.py')):
         answer = studio.request('GET', 'live')
         while 'q' not in (line := json.loads(answer.readline())) or not (line['parameters'] and line['level']):

@@ -1,6 +1,6 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* As much of Arduino as the sketch needs, on this computer; sketch_probe.cpp plays pins, time and the line. */
+/* The part of Arduino that the sketch needs, on this computer; sketch_probe.cpp simulates pins, time and the line. */
 #ifndef ARDUINO_H
 #define ARDUINO_H
 
@@ -23,7 +23,7 @@ extern uint32_t now_us;
 
 struct SerialPort {
     std::deque<uint8_t> to_board, to_host;
-    int room; /* what the line takes before it has to wait */
+    int room; /* free bytes of the transmit buffer */
 
     void begin(unsigned long) {}
     int available() { return static_cast<int>(to_board.size()); }

@@ -1,6 +1,6 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* Runs the sketch as lines on stdin say, and answers on stdout; test_template.py has the other end. */
+/* Runs the sketch with the commands on stdin and answers on stdout; used by test_template.py. */
 #include "Arduino.h"
 
 #include <iostream>
@@ -24,20 +24,20 @@ static void set_level(int number, int level)
 
 int main()
 {
-    std::string what;
-    while (std::cin >> what) {
+    std::string command;
+    while (std::cin >> command) {
         unsigned first = 0, second = 0;
-        if (what == "setup") {
+        if (command == "setup") {
             setup();
-        } else if (what == "hear" && std::cin >> first) {
+        } else if (command == "hear" && std::cin >> first) {
             Serial.to_board.push_back(static_cast<uint8_t>(first));
-        } else if (what == "pin" && std::cin >> first >> second) {
+        } else if (command == "pin" && std::cin >> first >> second) {
             set_level(static_cast<int>(first), static_cast<int>(second));
-        } else if (what == "quietly" && std::cin >> first >> second) {
-            pin[first].level = static_cast<int>(second); /* too short a change for an interrupt */
-        } else if (what == "analog" && std::cin >> first >> second) {
+        } else if (command == "quietly" && std::cin >> first >> second) {
+            pin[first].level = static_cast<int>(second); /* a change too short for an interrupt */
+        } else if (command == "analog" && std::cin >> first >> second) {
             pin[first].analog = static_cast<int>(second);
-        } else if (what == "wait" && std::cin >> first) {
+        } else if (command == "wait" && std::cin >> first) {
             /* In steps of 100 us, at 92 bytes per ms. */
             for (uint32_t end = now_us + first; now_us != end; now_us += 100) {
                 Serial.room = 9;
