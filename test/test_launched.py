@@ -127,7 +127,7 @@ def test_a_failed_program_ends_the_launch_with_status_1(launched, tmp_path):
     (tmp_path / 'own.yaml').write_text('/**/bridge: {ros__parameters: {watchdog_ms: 3}}')
     given = {'bridge': tmp_path / 'own.yaml', 'output': tmp_path / 'bag', 'view': 'false'}
     program = launched('rig', REAL, *(f'{name}:={value}' for name, value in given.items()))
-    program.wait_for('failed, with status 1: everything ends')
+    program.wait_for('failed, with status 1: all programs end')
     assert program.process.wait(30) == 1
 
 
