@@ -148,7 +148,7 @@ def forged(folder, _):
     """HELLO has a sample period of a second, no speed limit, or an enormous speed limit."""
     refused, given, said = 0, set(), []
     lies = {
-        'a sample every 1000 ms': lambda h: replace(h, sample_period_us=MICRO),
+        'a sample period of 1000 ms': lambda h: replace(h, sample_period_us=MICRO),
         'no limit': lambda h: replace(h, limits=replace(h.limits, max_speed=0)),
         'a limit of 4': lambda h: replace(h, limits=replace(h.limits, max_speed=4_000_000)),
     }
