@@ -71,14 +71,19 @@ def _text(path: Path, conversion: Conversion) -> Table:
     """Read text in the given encoding, or else in UTF-8, UTF-16 or Windows-1252 (Latin-1)."""
     with _unpacked(path) as file:
         start = file.read(200)
-    utf16 = start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    encodings = ['utf-16' if utf16 else 'utf-16-le' if b'\0' in start[1::2] else 'utf-8-sig', 'cp1252']
-    if b'\0' in start or b'\x80' <= start[:1] < b'\xa0':  # cp1252 also decodes binary files
-        encodings.pop()
-    encodings = [conversion.encoding] if conversion.encoding else encodings
-    for encoding in encodings:
-        with suppress(UnicodeDecodeError, LookupError), TextIOWrapper(_unpacked(path), encoding) as lines:
-            return _separated(path, lines, conversion)
+        utf16 = start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        encodings = ['utf-16' if utf16 else 'utf-16-le' if b'\0' in start[1::2] else 'utf-8-sig', 'cp1252']
+        if b'\0' in start or b'\x80' <= start[:1] < b'\xa0':  # cp1252 also decodes binary files
+            encodings.pop()
+        for encoding in [conversion.encoding] if conversion.encoding else encodings:
+            file.seek(0)
+            try:
+                text = TextIOWrapper(file, encoding)
+            except LookupError:  # the name of no encoding
+                break
+            with suppress(UnicodeDecodeError):
+                return _separated(path, text, conversion)
+            text.detach()  # or else it closes the file
     known = conversion.encoding or 'UTF-8 or UTF-16'
     raise TableError(f'{path} is no text in {known}; export it in UTF-8, or add --encoding NAME')
 
