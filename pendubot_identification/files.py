@@ -68,11 +68,10 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--fo
     """Refuse an unwritable file before a long computation; ``force`` is the option to overwrite.
 
     Raises:
-        ResultError: the file exists already, or is a folder, or its folder is missing or read-only.
+        ResultError: the file exists already, or is a folder or device, or its folder is missing or read-only.
     """
     with writing(path):
-        if path.is_dir():
-            raise ResultError(f'{path} is a folder; name a file in it')
+        _require_regular(path)
         if not overwrite:
             _refuse_existing(path, force)
         with tempfile.TemporaryFile(dir=path.parent):
@@ -151,8 +150,7 @@ def _write_together(files: Mapping[Path, str | bytes]) -> None:
             # The content may include a file name that is no valid text; it is escaped.
             data = content.encode(errors='backslashreplace') if isinstance(content, str) else content
             with writing(path):
-                if path.is_dir():
-                    raise ResultError(f'{path} is a folder, but a file is expected; choose another name')
+                _require_regular(path)
                 partials[path].write_bytes(data)
         for path, partial in partials.items():
             with writing(path):
@@ -161,6 +159,13 @@ def _write_together(files: Mapping[Path, str | bytes]) -> None:
         for partial in partials.values():
             with suppress(OSError):
                 partial.unlink(missing_ok=True)
+
+
+def _require_regular(path: Path) -> None:
+    if path.is_dir():
+        raise ResultError(f'{path} is a folder; name a file in it')
+    if path.exists() and not path.is_file():  # a device, which a file would replace
+        raise ResultError(f'{path} is no regular file; choose another name')
 
 
 def _refuse_existing(path: Path, force: str) -> None:
@@ -174,4 +179,4 @@ def writing(path: Path | str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ResultError(f'{path} cannot be written ({error.strerror}); choose a folder that can be') from error
+        raise ResultError(f'{path} cannot be written ({error.strerror}); choose another folder') from error

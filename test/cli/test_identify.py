@@ -121,6 +121,6 @@ def test_a_result_that_cannot_be_written_is_still_printed(inputs, tmp_path):
     output = tmp_path / 'result.yaml'
     ended = run_program('pendubot', 'identify', inputs / 'swing', *FAST, '--output', output, '--json', file_limit=0)
     assert ended.returncode == 1
-    assert ended.stderr == f'pendubot: {output} cannot be written (File too large); choose a folder that can be\n'
+    assert ended.stderr == f'pendubot: {output} cannot be written (File too large); choose another folder\n'
     assert list(json.loads(ended.stdout)['parameters']) == list(SEVEN)
     assert not list(tmp_path.iterdir())

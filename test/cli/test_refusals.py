@@ -34,7 +34,8 @@ FAILURES = {
     # Outputs are checked before inputs are read.
     'identify /nowhere --output /nowhere/r.yaml': '/nowhere/r.yaml cannot be written (No such file',
     'identify /nowhere --output swing --force': 'swing is a folder; name a file in it',
-    'identify /nowhere --report file/look': 'cannot be written (Not a directory); choose a folder that can be',
+    'identify /nowhere --output /dev/full --force': '/dev/full is no regular file; choose another name',
+    'identify /nowhere --report file/look': 'cannot be written (Not a directory); choose another folder',
     'report result.yaml --reference result.yaml --output . --force': 'is read, so it cannot be written as well',
     'report result.yaml --reference other.yaml': 'no result of schema 1',
     'compare result.yaml none.yaml': 'there is no file none.yaml',

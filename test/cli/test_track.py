@@ -60,7 +60,7 @@ def test_the_summary_is_printed_even_if_the_disk_is_full(bag, tmp_path):
     ended = run_program('pendubot', 'track', f'{bag}@:12', '--report', tmp_path / 'look', file_limit=20_000)
     assert ended.returncode == 1
     assert 'no change' in ended.stdout
-    assert ended.stderr.endswith('cannot be written (File too large); choose a folder that can be\n')
+    assert ended.stderr.endswith('cannot be written (File too large); choose another folder\n')
     assert 'written to' not in ended.stdout
 
 

@@ -81,7 +81,7 @@ def test_progress_is_published_and_also_a_result_that_cannot_be_written(ros, bag
         assert not client.params
         assert not ending.done()
         client.until(lambda: client.params and client.quality, 60.0)
-        sentence = f'{folder}/result.yaml cannot be written (No such file or directory); choose a folder that can be'
+        sentence = f'{folder}/result.yaml cannot be written (No such file or directory); choose another folder'
         program.wait_for(sentence)
         answer = client.answer(ending)
         assert (answer.success, answer.message) == (False, sentence)

@@ -96,6 +96,6 @@ def test_a_full_disk_is_reported_in_one_sentence_and_the_trace_is_kept(tmp_path)
     link, trace = tmp_path / 'board', tmp_path / 'trace.csv'
     ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace, file_limit=8192)
     assert ended.returncode == 1
-    assert ended.stderr == f'virtual_board: {trace} cannot be written (File too large); choose a folder that can be\n'
+    assert ended.stderr == f'virtual_board: {trace} cannot be written (File too large); choose another folder\n'
     assert not link.is_symlink()
     assert trace.stat().st_size == 8192, 'the trace must be complete up to the limit'
