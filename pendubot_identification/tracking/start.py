@@ -48,6 +48,9 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
     Raises:
         PendubotError: the motion is too short, has gaps, or does not determine the parameters.
     """
+    level, why = start.validate(motion)
+    if level is Level.ERROR:
+        raise PendubotError('; '.join(why))
     factor = _box_factor(motion, start, bounds)
     bounds = bounds.scaled(factor)
     unbound = bounds.beside((DELAY,), LONGEST_DELAY).beside((*TILT, DEAD_ZONE), LARGEST * factor)
@@ -62,9 +65,6 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
         segment = replace(weighted, weights=factor * weighted.weights)
         blocks = _moving_blocks(motion, segment, settings)
         x = _pooled(blocks).minimum(_fixed(within, ()))
-    level, why = start.validate(motion)
-    if level is Level.ERROR:
-        raise PendubotError('; '.join(why))
 
     size, searched = len(bounds.names), float(np.ptp(start.delays))
     noise = Noise.of(blocks, x, settings.noise_memory)

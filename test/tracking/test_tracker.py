@@ -18,7 +18,8 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from pendubot_identification.model.simulation import quantised, simulate
-from pendubot_identification.tracking.events import Change, Disturbance, Start, State
+from pendubot_identification.results.track_file import start_of
+from pendubot_identification.tracking.events import Change, Disturbance, Lost, Start, State
 from pendubot_identification.tracking.tracker import Tracker
 from test.changing_rig import C2, Day, record, truth
 from test.real import RIGS, concatenated, known, recorded
@@ -326,6 +327,16 @@ def test_parameters_are_physical_and_not_ok_for_meaningless_samples(rigs, seed, 
     late = [s for s in states if s.t > 20]
     assert not any(s.level is Level.OK and s.moving for s in late)
     assert tracker.waiting or tracker.state.level is not Level.OK
+
+
+@pytest.mark.parametrize(('factor', 'reason'), [(0.0, 'the torque does no work'), (-1.0, 'has the wrong sign')])
+def test_parameters_do_not_vanish_with_a_lost_or_reversed_torque(rigs, factor, reason):
+    samples = rigs['nothing'].copy()
+    samples[len(samples) // 3 :, 3] *= factor
+    tracker, states, events = track(samples, start_of(None))
+    assert any(isinstance(e, Lost) for e in events)
+    assert all((s.theta[:5] > 0.2 * states[0].theta[:5]).all() for s in states)
+    assert reason in tracker.waiting
 
 
 def test_an_outdated_start_is_detected(rigs):
