@@ -98,7 +98,7 @@ def foreign(folder, long):
         assert rig.call('disarm').success
         during('disarmed')
         # The bridge arms only after a second without other commands.
-        rig.until(lambda: spin_until(rig.node, lambda: False, 0.2) or rig.call('arm').success, 20)
+        rig.until(lambda: spin_until(rig.node, lambda: False, 0.2) or rig.call('arm').success, 60)
         drive(rig, OWN)
         during('armed', OWN)
         drive(rig, OWN)
