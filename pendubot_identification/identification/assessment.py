@@ -39,13 +39,8 @@ class AssessmentSettings:
     unbalanced: float = 0.5
     #: Condition number (columns scaled to one) above which theta is too sensitive to errors of the data.
     ill_conditioned: float = 1e3
-    #: J on validation over J on training above which parameters do not generalise.
-    overfitted: float = 10.0
     #: Error of a recording's zero [degrees] beyond its 95 % interval.
     zero: float = 3.0
-    #: Difference of P3 / P5 to its value by the elbow's equation, as a fraction of it and in standard errors.
-    length: float = 0.25
-    length_errors: float = 3.0
     #: Limits of the least mass of link 2 by the torque over its weighed mass: 1 of a point mass, 0.75 of a uniform rod.
     light: float = 0.25
     heavy: float = 1.2
@@ -123,7 +118,6 @@ def stillness(motion: Trajectory) -> str:
 def assess(
     estimate: Estimate,
     settings: Settings,
-    link_length: tuple[float, float],
     faults: Sequence[Fault] = (),
     notes: Sequence[str] = (),
 ) -> Estimate:
@@ -134,7 +128,6 @@ def assess(
     Args:
         estimate: of one criterion, its prediction included.
         settings: of the identification.
-        link_length: P3 / P5 [m] by the elbow's equation, and its standard error.
         faults: of the recordings.
         notes: other warnings of the data.
     """
@@ -152,8 +145,6 @@ def assess(
         reservations += _wrong_zeros(estimate)
     if 'unit' not in named:
         reservations += _wrong_mass(estimate, settings.link_mass)
-    if not named:  # signs, order, zeros, units, counts and stamps all change the length
-        reservations += _wrong_length(estimate, *link_length)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
     return replace(
         estimate,
@@ -238,11 +229,6 @@ def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
         )
     if not e.converged:
         yield 'the optimiser did not converge: start elsewhere, or choose another part of the recording'
-    if e.J_validation > SETTINGS.overfitted * e.J:
-        yield (
-            f'J on validation is {e.J_validation / e.J:.0f} times J on training: these parameters do not predict data '
-            'to which they were not fitted'
-        )
 
 
 def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
@@ -265,18 +251,6 @@ def _wrong_zeros(e: Estimate) -> Iterator[str]:
             f"{e.zeros.recordings[k]}: q{joint + 1}'s zero is off by {degrees[joint, k]:.1f} +- "
             f'{errors[joint, k]:.1g} degrees; subtract them, or let the links swing out before the zeros are set '
             '(friction may have held one away from hanging) and record again'
-        )
-
-
-def _wrong_length(e: Estimate, length: float, error: float) -> Iterator[str]:
-    if e.criterion == 'energy' or not e.intervals[4, 0] > 0 or not np.isfinite([length, error]).all():
-        return
-    ratio = e.theta[2] / e.theta[4]
-    if abs(ratio - length) > max(SETTINGS.length * abs(length), SETTINGS.length_errors * error):
-        yield (
-            f'P3 / P5, the length of link 1, is {ratio:.3g} m, but {length:.3g} m (standard error {error:.2g} m) by '
-            "the elbow's own equation, which does not contain the shoulder's torque: check signs and zeros of the "
-            'angles and the stamps of the effort'
         )
 
 

@@ -132,18 +132,17 @@ def _assess(run: Run) -> Identification:
     """Assess each estimate, and select the published one."""
     published = run.criteria.index(max(run.settings.criteria, key=run.criteria.index))  # the most accurate is last
     best = run.estimates[published]
-    length = link_length(run.data.motions, best.model, best.effort.delay)
     findings = (run.remarks if each is best else run.notes for each in run.estimates)
     pairs = zip(run.estimates, findings, strict=True)
     return Identification(
         settings=run.settings,
-        estimates=tuple(assess(each, run.settings, length, run.faults, notes) for each, notes in pairs),
+        estimates=tuple(assess(each, run.settings, run.faults, notes) for each, notes in pairs),
         published=published,
         faults=run.faults,
         interval=float(np.median([m.interval for m in run.data.motions])),
         smoothing=run.data.smoothing,
         validation=run.validation,
-        link_length=length,
+        link_length=link_length(run.data.motions, best.model, best.effort.delay),
         effects=() if run.composite is None else run.composite.effects,
         unmodelled=None if run.composite is None or run.composite.exact else run.composite.unexplained,
     )

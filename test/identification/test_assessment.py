@@ -17,7 +17,6 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, PAPER
 
 SETTINGS = Settings(('weak',), 'viscous', optimizer='lsq')
-LENGTH = PAPER.P3 / PAPER.P5, 1e-4
 GOOD = Estimate(
     criterion='weak',
     model='viscous',
@@ -42,57 +41,56 @@ AT_END = replace(GOOD, effort=Effort('zero', -0.1))
 
 
 @pytest.mark.parametrize(
-    ('name', 'estimate', 'length', 'beginning'),
+    ('name', 'estimate', 'beginning'),
     [
-        ('delay', AT_END, LENGTH, 'the delay of the effort lies at -0.1000 s'),
-        ('zero', replace(GOOD, zeros=OFF), LENGTH, "swing: q1's zero is off by 8.0"),
-        ('length', GOOD, (2 * LENGTH[0], 1e-4), 'P3 / P5, the length of link 1, is'),
+        ('delay', AT_END, 'the delay of the effort lies at -0.1000 s'),
+        ('zero', replace(GOOD, zeros=OFF), "swing: q1's zero is off by 8.0"),
     ],
 )
-def test_a_fault_replaces_the_warning_that_it_explains(name, estimate, length, beginning):
-    (warning,) = assess(estimate, SETTINGS, length).warnings
+def test_a_fault_replaces_the_warning_that_it_explains(name, estimate, beginning):
+    (warning,) = assess(estimate, SETTINGS).warnings
     assert warning.startswith(beginning)
     fault = Fault(name, 'found', 'remedy')
-    assert assess(estimate, SETTINGS, length, [fault]).warnings == (fault.sentence,)
-    severe = assess(estimate, SETTINGS, length, [replace(fault, level=Level.ERROR)])
+    assert assess(estimate, SETTINGS, [fault]).warnings == (fault.sentence,)
+    severe = assess(estimate, SETTINGS, [replace(fault, level=Level.ERROR)])
     assert (severe.level, severe.warnings, severe.consequences) == (Level.ERROR, (fault.sentence,), (warning,))
 
 
 def test_a_zero_inertia_gives_one_warning():
     theta = PAPER.vector() * [1, 0, 0, 1, 1, 1, 1]
     free = np.array([True, False, True, True, True, True, True])
-    warnings = assess(replace(GOOD, theta=theta, free=free), SETTINGS, (np.nan, np.nan)).warnings
+    warnings = assess(replace(GOOD, theta=theta, free=free), SETTINGS).warnings
     assert [text for text in warnings if 'P2' in text or 'M(q)' in text] == ['not physical: P2 = 0 is not positive']
 
 
 def test_poorly_determined_parameters_give_one_warning():
     ill = replace(GOOD, condition_number=1e6)
-    (text,) = assess(ill, SETTINGS, LENGTH).warnings
+    (text,) = assess(ill, SETTINGS).warnings
     assert text.startswith('ill-conditioned')
-    (text,) = assess(replace(ill, std_error=PAPER.vector()), SETTINGS, LENGTH).warnings
+    (text,) = assess(replace(ill, std_error=PAPER.vector()), SETTINGS).warnings
     assert text.startswith('poorly determined')
 
 
 def test_a_rig_without_gravity_gives_one_warning():
     theta = PAPER.vector() * [1, 1, 1, 0, 0, 1, 1]
-    (text,) = assess(replace(GOOD, theta=theta, free=theta > 0), SETTINGS, (5.0, 1.0)).warnings
+    (text,) = assess(replace(GOOD, theta=theta, free=theta > 0), SETTINGS).warnings
     assert text.startswith('the 95 % intervals of P4 and P5 reach 0: gravity hardly acts')
 
 
 def test_a_delay_at_the_end_of_its_default_search_interval_is_an_error():
     fixed = replace(GOOD, effort=Effort('zero', 0.1))
-    assert assess(AT_END, SETTINGS, LENGTH).level is Level.ERROR
-    assert assess(GOOD, SETTINGS, LENGTH).level is Level.OK
-    assert assess(AT_END, replace(SETTINGS, delays=(-0.1, 0.01)), LENGTH).level is Level.WARN
-    assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1)), LENGTH).level is Level.OK
+    assert assess(AT_END, SETTINGS).level is Level.ERROR
+    assert assess(GOOD, SETTINGS).level is Level.OK
+    assert assess(AT_END, replace(SETTINGS, delays=(-0.1, 0.01))).level is Level.WARN
+    assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1))).level is Level.OK
 
 
 @pytest.mark.parametrize(('scale', 'warned'), [(1, False), (0.8, False), (30, True), (0.1, True)])
 def test_a_torque_in_another_unit_is_reported_if_the_mass_of_link_2_is_known(scale, warned):
     rod, scaled = 4 / 3 * GOOD.theta[4] ** 2 / GOOD.theta[1], replace(GOOD, theta=scale * GOOD.theta)
-    warnings = assess(scaled, replace(SETTINGS, link_mass=rod), LENGTH).warnings
+    warnings = assess(scaled, replace(SETTINGS, link_mass=rod)).warnings
     assert any(f'{scale * rod:.3g} kg if it is a uniform rod' in warning for warning in warnings) == warned
-    assert not any('weighs' in warning for warning in assess(scaled, SETTINGS, LENGTH).warnings)
+    assert not any('weighs' in warning for warning in assess(scaled, SETTINGS).warnings)
 
 
 @pytest.mark.parametrize(
@@ -111,6 +109,6 @@ def test_advice_lists_the_worst_parameter_first_with_a_motion_that_excites_it(er
     correlation[1, 4] = correlation[4, 1] = 0.99
     std_error = PAPER.vector() * [errors.get(name, 0.01) for name in NAMES[:7]]
     poor = replace(GOOD, correlation=correlation, free=free, std_error=std_error)
-    assert list(assess(poor, SETTINGS, LENGTH).advice) == [
+    assert list(assess(poor, SETTINGS).advice) == [
         f'the motion is little informative of {text}; to improve: {EXCITATION[text[:2]]}' for text in expected
     ]
