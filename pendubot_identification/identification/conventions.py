@@ -43,9 +43,8 @@ from .uncertainty import regression_covariance
 Matrix = tuple[tuple[int, int], tuple[int, int]]
 #: The model with dry friction and a rotor; a larger model would fit faults.
 MODEL = 'rotor'
-_BOX = default_bounds().of(MODELS[MODEL])
 #: The effort may be in any unit.
-BOUNDS = Bounds(_BOX.lower, 1e6 * _BOX.upper, _BOX.names)
+BOUNDS = default_bounds().of(MODELS[MODEL]).scaled(1e6)
 #: Search interval of the delay of the effort [s].
 DELAYS = (-0.1, 0.1)
 

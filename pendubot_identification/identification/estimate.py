@@ -26,8 +26,6 @@ REACHED = 1e-6
 WIDE = 0.5
 #: Eigenvalue of a correlation matrix below which it is a rounding error.
 INDEPENDENT = 1e-10
-#: The unit of J of each criterion.
-UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'likelihood': 'nat per measurement'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +74,7 @@ class Estimate:
         freedom: degrees of freedom of the standard errors, infinite where they are normal, shape (D,) or ().
         uncertainty: the method for the covariance, in words.
         effort: hold and delay of the effort.
-        J: the criterion on the training data, in :attr:`unit`.
+        J: the criterion on the training data, in the unit of :data:`.assemble.UNITS_OF_J`.
         residuals: number of residuals that J averages.
         condition_number: of the scaled information.
         converged: whether the optimiser found a minimum.
@@ -126,11 +124,6 @@ class Estimate:
     warnings: tuple[str, ...] = ()
     consequences: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
-
-    @property
-    def unit(self) -> str:
-        """The unit of J."""
-        return UNITS_OF_J[self.criterion]
 
     @property
     def present(self) -> Flags:

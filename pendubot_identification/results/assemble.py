@@ -22,6 +22,8 @@ from . import result as tree
 from .result import known
 
 T = TypeVar('T')
+#: The unit of J of each criterion.
+UNITS_OF_J = {'energy': 'J^2', 'weak': '(N m)^2', 'likelihood': 'nat per measurement'}
 
 
 def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Result:
@@ -98,7 +100,7 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
             linear_lag=known(effort.delay + (found.interval / 2 if effort.hold == 'zero' else 0.0)),
         ),
         J=tree.CriterionValue(
-            unit=e.unit,
+            unit=UNITS_OF_J[e.criterion],
             training=known(e.J),
             training_runs=known(e.J_runs if quadratic else [e.J]),
             least_squares=known(e.J_exact),
