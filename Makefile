@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Python compiles a module at its first import; most installed modules are never imported.
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile --constraint .ci/constraints.txt
+# The tests start hundreds of programs: each must not compile the imported modules again.
+unexport PYTHONDONTWRITEBYTECODE
 # Extras of the first set-up; CI installs all of them at once.
 EXTRAS ?= ros
 
