@@ -307,18 +307,22 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
     )
 
 
-@cache
 def _as_mcap(path: Path) -> Path:
     """Convert the JointStates of a ROS 1 or sqlite3 bag to MCAP and return the folder; return other paths as given."""
     try:
         if path.is_dir():
-            convertible = any(path.glob('*.db3')) and not any(path.glob('*.mcap*'))
+            files = [*path.glob('*.db3')] if not any(path.glob('*.mcap*')) else []
         else:
-            convertible = path.suffix in ('.bag', '.db3') and path.is_file()
+            files = [path] if path.suffix in ('.bag', '.db3') and path.is_file() else []
+        stamps = frozenset((file.absolute(), file.stat().st_mtime_ns) for file in files)
     except OSError:  # the reader reports it
-        convertible = False
-    if not convertible:
         return path
+    return _converted(path, stamps) if stamps else path
+
+
+@cache
+def _converted(path: Path, stamps: frozenset[tuple[Path, int]]) -> Path:
+    """Convert a bag once for each modification of its files."""
     from rosbags.convert import ConverterError, convert
     from rosbags.highlevel import AnyReaderError
     from rosbags.typesys import Stores, get_typestore

@@ -4,6 +4,7 @@
 """Bags of ROS 1, and of ROS 2 with storage sqlite3, converted by rosbags."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,12 +23,20 @@ BAG = ROOT / 'bags' / 'paper_experiment'
 @pytest.mark.parametrize(
     ('name', 'version', 'store'), [('run.bag', 3, Stores.ROS1_NOETIC), ('run', 8, Stores.ROS2_JAZZY)]
 )
-def test_a_converted_bag_gives_the_same_motion(tmp_path, name, version, store):
-    jazzy, storage = get_typestore(Stores.ROS2_JAZZY), 'sqlite3'
-    convert([BAG], tmp_path / name, storage, version, None, 'none', jazzy, get_typestore(store), [], [], [], [])
+def test_a_converted_bag_gives_the_same_motion_and_a_replaced_one_is_read_again(
+    tmp_path, monkeypatch, name, version, store
+):
+    stores = get_typestore(Stores.ROS2_JAZZY), get_typestore(store)
+    convert([BAG], tmp_path / name, 'sqlite3', version, None, 'none', *stores, [], [], [], [])
     found, expected = read_trajectory(tmp_path / name).trajectory, read_trajectory(BAG).trajectory
     for field in ('t', 'q', 'tau'):
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
+    for folder, q in (('one', expected.q), ('other', -expected.q)):
+        (tmp_path / folder).mkdir()
+        monkeypatch.chdir(tmp_path / folder)
+        write_trajectory(Path('motion'), replace(expected, q=q))
+        convert([Path('motion')], Path(name), 'sqlite3', version, None, 'none', *stores, [], [], [], [])
+        np.testing.assert_array_equal(read_trajectory(Path(name)).trajectory.q, q)
 
 
 @pytest.mark.parametrize('name', ['empty.bag', 'empty.db3'])
