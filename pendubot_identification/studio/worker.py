@@ -1,9 +1,10 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Runs one task of the studio in a separate process: a job as JSON on stdin, events as JSON lines on stdout.
+"""Runs tasks of the studio in a separate process: jobs as JSON lines on stdin, events as JSON lines on stdout.
 
-The last event has ``done``, or ``problem``: a sentence, and the options that correct it.
+The last event of a job has ``done``, or ``problem``: a sentence, and the options that correct it. A problem ends the
+process, which may have used much memory.
 """
 
 import json
@@ -11,6 +12,7 @@ import os
 import resource
 import shlex
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -97,7 +99,7 @@ def _problem(error: Exception) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Do the job on stdin; return the exit status."""
+    """Do the jobs on stdin; return the exit status."""
     # A file that unpacks to more than the memory gives an error message, and the computer stays usable.
     limit = max(4 << 30, os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') // 2)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
@@ -107,15 +109,15 @@ def main() -> int:
         print(json.dumps(event), file=events, flush=True)
 
     tasks: dict[str, Callable[..., Any]] = {'describe': describe, 'check': check, 'identify': identify}
-    if not (text := sys.stdin.read()):
-        return 0  # the studio ended before there was a job
-    job = json.loads(text)
-    try:
-        os.chdir(Path(job['folder']) / 'files')
-        emit({'done': tasks[job['task']](job, emit)})
-    except Exception as error:
-        emit({'problem': _problem(error)})
-        return 1
+    for text in sys.stdin:
+        job = json.loads(text)
+        tempfile.tempdir = job['folder']  # which is deleted with the session, and converted bags with it
+        try:
+            os.chdir(Path(job['folder']) / 'files')
+            emit({'done': tasks[job['task']](job, emit)})
+        except Exception as error:
+            emit({'problem': _problem(error)})
+            return 1
     return 0
 
 
