@@ -45,6 +45,7 @@ def run(command, folder, env, timeout=300):
 def test_colcon_builds_the_package_and_every_program_runs(tmp_path, options):
     copied_to(tmp_path / 'src' / 'pendubot_identification')
     env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
+    env |= {'CC': 'no-such-compiler'} if options else {}  # the first build compiles
     places = '--base-paths', 'src', 'src/pendubot_identification/pendubot_interfaces'
     listed = run(['colcon', 'list', '--names-only', *places], tmp_path, env)
     assert listed.split() == ['pendubot_identification', 'pendubot_interfaces'], 'the command of README.md builds both'
