@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.quadratic import SIZING, Quadratic, box_factor
@@ -71,7 +71,7 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
     effort = float(np.sqrt(np.mean(motion.tau**2))) + 1e-9
     theta_scale = _theta_scale(x[:size], motion, effort)
     scale = np.concatenate([theta_scale, [DELAY_SCALE], theta_scale[3:5], [0.01 * effort, RATE_SCALE]])
-    gate = float(chi2.isf(settings.false_alarm, len(scale)))
+    gate = float(chdtri(len(scale), settings.false_alarm))
     names = (*within.names, RATE)
     walk = scale * np.where(np.isin(names, FRICTION), settings.friction_walk, settings.inertia_walk)
     mean, deviation = np.append(x, 0.0), np.where(np.isin(names, present), scale, settings.inertia_walk * scale)

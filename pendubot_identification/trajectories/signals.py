@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # imports its slow part signal at the first use
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
@@ -132,7 +132,7 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
         raise TrajectoryError(f'{len(q)} samples are fewer than the window of {window:g} s holds; choose a shorter one')
-    smooth, rates = (savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
+    smooth, rates = (scipy.signal.savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
     return smooth, rates
 
 
