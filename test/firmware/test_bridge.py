@@ -10,15 +10,12 @@ import numpy as np
 import pytest
 
 from pendubot_identification.link.protocol import State, Status
-from pendubot_identification.model.parameters import PAPER
-from pendubot_identification.model.simulation import Plant
 from test.rig import PATIENT
 
 from .emulator import Line
 
 #: Duration [s]; for a minute set FIRMWARE_SECONDS=60.
 SECONDS = float(os.environ.get('FIRMWARE_SECONDS', '2'))
-COUNT = 2 * np.pi / 4000
 
 
 @pytest.mark.ros
@@ -36,7 +33,6 @@ def test_at_1_khz_no_sample_is_lost_and_the_boards_watchdog_trips_when_the_bridg
 
     def drive():
         while not ended.wait(0.05):
-            # Small torques: once a link turns over, the motion is chaotic and rounding errors grow.
             r.effort(rng.uniform(-0.1, 0.1))
 
     thread = threading.Thread(target=drive)
@@ -61,18 +57,5 @@ def test_at_1_khz_no_sample_is_lost_and_the_boards_watchdog_trips_when_the_bridg
     assert {(s.torque, s.status & ~Status.ZEROED) for s in [last, *states]} == {(0, Status.WATCHDOG)}
 
     values = r.values()
-    samples = np.array([sample[2:7] for sample in r.samples])
-    q, torque = samples[:, :2], samples[:, 4]
-    print(f'{len(q)} samples, lost {values["lost"]}, damaged {values["damaged"]}')
-    assert len(np.unique(torque)) > 10 * SECONDS
+    assert len({sample[6] for sample in r.samples}) > 10 * SECONDS
     assert all(values[count] == before[count] for count in ('lost', 'damaged', 'duplicates', 'flagged'))
-    # The package's plant, driven by the same torques, reveals lost, doubled or altered samples.
-    plant = Plant(PAPER)
-    moved = [plant.q]
-    for each in torque[:-1]:
-        plant.advance((each, 0.0), 0.001)
-        moved.append(plant.q)
-    off = np.abs(q - np.round((moved - np.array([-np.pi / 2, 0])) / COUNT) * COUNT - [-np.pi / 2, 0]) / COUNT
-    print(f'largest difference from the simulation: {off.max():.3f} counts; in {(off > 0.5).mean():.1e} of the numbers')
-    assert off.max() < 1.01
-    assert (off > 0.5).mean() < 1e-3

@@ -8,14 +8,12 @@ test_ownership.py tests the ownership of the motor and compares the board with P
 
 import os
 import random
-import re
 import struct
 from collections import Counter
 
 import pytest
 
 from pendubot_identification.link.protocol import (
-    BITS,
     FAULTS,
     Arm,
     Command,
@@ -31,7 +29,7 @@ from pendubot_identification.link.protocol import (
 )
 from test.link.test_protocol import EXAMPLES, LIMITS, frames_of_the_page
 
-from .building import FIRMWARE, made, need
+from .building import made, need
 from .link_probe import without_version
 
 #: Number of damaged inputs; for a million set FIRMWARE_INPUTS=1000000.
@@ -148,15 +146,6 @@ def test_the_board_sends_hello_at_boot_and_on_request(probe):
     assert [type(event) for event in bench.events()] == [Hello, Hello, State]
 
 
-def test_a_frame_truncated_by_a_restart_does_not_damage_the_next(probe):
-    bench = Bench(probe)
-    _, frames = probe.sample()
-    assert bench.decoder.feed(frames[:-5])
-    probe.boot(boot_id=2)
-    damaged, hello, state = bench.events()
-    assert (type(damaged), hello.boot_id, state.seq) == (Damaged, 2, 1)
-
-
 def test_confirmed_zeros_are_kept_until_a_restart_and_change_nothing_else(probe):
     bench = Bench(probe, boot_id=7).armed()
     for boot_id, bit in ((8, 0), (7, Status.ZEROED)):
@@ -174,69 +163,6 @@ def test_lock_and_refused_wrap(probe):
     state = bench.step()
     assert (state.lock, state.refused, state.status) == (0, 1, Status.REFUSED)
     bench.armed()
-
-
-@pytest.mark.parametrize('start', [0, 2**32 - 55_000])
-def test_the_watchdog_disarms_before_a_late_command_also_across_the_wrap_of_the_clock(probe, start):
-    bench = Bench(probe)
-    bench.now = start
-    bench.armed().send(1, 100_000, watchdog_ms=50)
-    states = [bench.step() for _ in range(7)]
-    assert [(s.status, s.torque) for s in states] == [(ARMED, 100_000)] * 5 + [(Status.WATCHDOG, 0)] * 2
-    bench.send(1, 100_000)
-    state = bench.step()
-    assert (state.status, state.torque, state.cmd_seq) == (Status.WATCHDOG, 0, 2)
-    bench.send(0)
-    assert bench.step().status == 0
-
-
-SATURATED, SLEWED = ARMED | Status.SATURATED, ARMED | Status.SLEW
-
-
-@pytest.mark.parametrize(
-    ('options', 'torque', 'expected'),
-    [
-        ({'limit': 250_000}, -(2**31), [(SATURATED, -250_000)]),
-        ({'limit': 250_000}, 250_001, [(SATURATED, 250_000)]),
-        (
-            {'limits': Limits(torque_slew=10_000)},
-            250_000,
-            [(SLEWED, 100_000), (SLEWED, 200_000), (ARMED, 250_000)],
-        ),
-    ],
-)
-def test_torque_is_clamped_and_slewed_and_zero_at_once_after_disarming(probe, options, torque, expected):
-    bench = Bench(probe, **options).armed()
-    bench.send(1, torque)
-    assert [(s.status, s.torque) for s in (bench.step() for _ in expected)] == expected
-    bench.send(0)
-    bench.arm(lock=bench.lock + 1)
-    state = bench.step()
-    assert (state.status, state.torque) == (ARMED, 0)
-
-
-@pytest.mark.parametrize('fault', [bit for bit in BITS.values() if bit & FAULTS and bit != Status.EMERGENCY_STOP])
-def test_a_fault_disarms_is_shown_until_mode_0_and_prevents_arming_while_it_lasts(probe, fault):
-    bench = Bench(probe).armed()
-    for faults in (fault, 0, 0):
-        bench.send(1, 100_000)
-        state = bench.step(faults=faults)
-        assert (state.status, state.torque) == (fault, 0)
-    bench.arm(faults=fault)
-    assert bench.step(faults=fault).status == fault | Status.REFUSED
-    bench.send(0)
-    assert bench.step().status == 0
-    bench.armed()
-
-
-def test_an_emergency_stop_lasts_until_the_board_restarts(probe):
-    bench = Bench(probe).armed()
-    assert bench.step(faults=Status.EMERGENCY_STOP).torque == 0
-    bench.send(0)
-    bench.arm(lock=bench.lock + 1)
-    state = bench.step()
-    assert (state.status, state.torque) == (Status.EMERGENCY_STOP | Status.REFUSED, 0)
-    Bench(probe, boot_id=2).armed()
 
 
 def each(name, values):
@@ -302,14 +228,6 @@ def test_the_largest_limits_and_readings_cause_no_overflow(probe):
                 assert (state.refused, state.status & FAULTS) == (0, 0)
 
 
-def test_a_damaged_frame_is_reported_once_and_does_not_affect_the_next(probe):
-    bench = Bench(probe)
-    probe.receive(b'nonsense\0' + encode(Command(5, 0, 0)))
-    state = bench.step()
-    assert (state.status, state.cmd_seq) == (Status.DAMAGED_FRAME, 5)
-    assert bench.step().status == 0
-
-
 def test_on_overrun_a_sample_is_lost_and_reported_once_and_hello_is_delayed(probe):
     bench = Bench(probe)
     assert [type(event) for event in bench.events(room=133)] == [State]
@@ -336,12 +254,6 @@ def test_a_flood_of_bytes_neither_delays_samples_nor_keeps_the_motor_on(probe):
     probe.receive(500 * encode(Command(1, 0, 1, 500, 100_000, session=SESSION)), bench.now)
     state = bench.step()
     assert (state.status, state.torque) == (Status.WATCHDOG, 0)
-
-
-def test_the_status_bits_of_the_c_header_are_pythons():
-    header = (FIRMWARE / 'pendubot_link.h').read_text()
-    bits = {name: 1 << int(bit) for name, bit in re.findall(r'PENDUBOT_(\w+) \(UINT32_C\(1\) << (\d+)\)', header)}
-    assert bits == BITS
 
 
 def test_the_compilers_static_analysis_finds_no_errors():

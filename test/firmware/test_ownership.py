@@ -84,12 +84,12 @@ class Model:
         return 'refused'
 
     def sample(self, now_us, fault):
-        """Return whether the board is armed, and the torque that it applies."""
+        """Return whether the board is armed, the torque that it applies, and if it is saturated and slewed."""
         if self.armed and (fault or now_us >= self.until_us):
             self.disarm()
         allowed = max(-TORQUE_LIMIT, min(TORQUE_LIMIT, self.wanted))
         self.torque = max(self.torque - SLEW, min(self.torque + SLEW, allowed))
-        return self.armed, self.torque
+        return self.armed, self.torque, allowed != self.wanted, self.torque != allowed
 
 
 class BothBoards:
@@ -184,10 +184,11 @@ def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_tim
             seen.update(name for name, bit in BITS.items() if bit & state.status)
             seen.update(model.receive(request, clock_us, fault) for request in sent)
             was, actual = model.armed, (bool(state.status & Status.ARMED), state.torque, state.lock, state.refused)
-            armed, torque = model.sample(clock_us, fault)
+            armed, torque, *shaped = model.sample(clock_us, fault)
             seen['samples with torque'] += torque != 0
             seen['disarmed by a fault' if fault else 'disarmed by the watchdog'] += was and not armed
             assert not modelled or actual == (armed, torque, model.lock, model.refused), (sent, model.__dict__)
+            assert not modelled or [bool(state.status & bit) for bit in (Status.SATURATED, Status.SLEW)] == shaped
             assert not (actual[0] and state.status & FAULTS)
             model.armed, model.torque, model.lock, model.refused = actual
         seen['boots'] += 1
