@@ -45,7 +45,7 @@ def write(path, mode, count=300):
     return path
 
 
-@pytest.mark.parametrize('mode', ['MESSAGE', 'FILE', 'STORAGE'])
+@pytest.mark.parametrize('mode', ['MESSAGE', 'FILE'])
 def test_a_compressed_bag_is_read_surveyed_and_repaired(tmp_path, capsys, mode):
     bag = write(tmp_path / 'bag', mode)
     recorded = read_trajectory(BagWindow(bag, 0.5, 2))

@@ -73,9 +73,3 @@ def test_the_content_of_padding_is_ignored():
     filled = [message[:padding] + bytes([0x55, k]) + message[padding + 2 :] for k, message in enumerate(plain)]
     assert plain[0][padding : padding + 3] == bytes(3)
     check(filled, expected=plain)
-
-
-@pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\x00\x01\x00\x00' + b'\xff' * 100])
-def test_invalid_joint_states_are_refused_in_one_sentence(data):
-    with pytest.raises(BagError, match='is no sensor_msgs/msg/JointState'):
-        JointDecoder(JOINTS, 'bag')(Messages.of([data]))
