@@ -23,7 +23,7 @@ pytestmark = pytest.mark.ros
 
 #: Fast options, and the defaults of the options that tests change.
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero', 'sliding': 0.0}
-FAST |= {'columns': '', 'apply_remedies': False, 'validate': [''], 'output': '', 'force': False, 'start': ''}
+FAST |= {'validate': [''], 'output': '', 'force': False}
 WARN, ERROR = b'\x01', b'\x02'
 PROGRESS = 'identifier: progress'
 
@@ -146,15 +146,6 @@ def test_each_run_uses_the_current_settings_and_names_parameters_without_influen
     assert published['warnings.0'] in status.message
 
 
-def test_a_csv_file_is_identified_and_corrections_are_applied(bag, tmp_path, client):
-    motion = read_trajectory(bag).trajectory
-    rows = np.column_stack([1000 * motion.t, motion.q[:, 0], -motion.q[:, 1], motion.tau[:, 0]])
-    np.savetxt(tmp_path / 'run.csv', rows, delimiter=',', header='time,q1,q2,tau1', comments='', fmt='%.17g')
-    _, published, _ = client.identified(tmp_path / 'run.csv', criterion='weak', columns='t=time', apply_remedies=True)
-    assert [published[f'made_by.applied.{k}'] for k in (0, 1)] == ['--time-unit ms', '--negate q2']
-    np.testing.assert_allclose([float(published[name]) for name in NAMES[:7]], PAPER.vector(), rtol=0.02)
-
-
 def test_failures_are_published_and_answered_and_no_file_is_overwritten(bag, tmp_path, client):
     output, beyond, swing, day = (tmp_path / name for name in ('result.yaml', 'no/file', 'swing', 'day'))
     output.write_text('mine')
@@ -189,10 +180,7 @@ def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client)
 @pytest.mark.parametrize(
     ('name', 'value', 'reason'),
     [
-        ('criterion', 'energy,magic', 'criterion is magic; one of energy, weak, likelihood'),
         ('delay', [0.2, 0.1], 'the delay is searched from 0.2 to 0.1 s'),
-        ('start', '/nowhere.yaml', 'there is no file /nowhere.yaml'),
-        ('population', 4, 'population is 4; a whole number from 5'),
         ('bounds', ['P1'], "P1 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0"),
         ('joint_names', ['a'], 'joint_names has 1 values; 2 are expected'),
     ],

@@ -9,13 +9,11 @@ from contextlib import ExitStack
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
-from test.nodes.observer import Observer
+from test.nodes.observer import Observer, values
 from test.processes import Program, parameters
 from test.rig import ARMED, PATIENT, WATCHDOG
 
@@ -36,12 +34,6 @@ class Manager(Observer):
         before = self.state(node)
         success = self.call(ChangeState, f'/{node}/change_state', transition=Transition(label=label)).success
         return success or self.state(node) != before
-
-    def set(self, node, name, value):
-        """Set a parameter; return the reason of a refusal, '' for success."""
-        message = Parameter(name, value=value).to_parameter_msg()
-        (result,) = self.call(SetParameters, f'/{node}/set_parameters', parameters=[message]).results
-        return '' if result.successful else result.reason
 
 
 @pytest.fixture
@@ -72,10 +64,10 @@ def test_a_failed_configuration_gives_the_reason_and_leaves_the_node_unconfigure
         assert not manager.change('recorder', 'configure')
         program.wait_for(f'{tmp_path} exists already')
         assert manager.state('recorder') == 'unconfigured'
-        assert not manager.set('recorder', 'output', str(tmp_path / 'bag'))
+        assert manager.set('/recorder', output=str(tmp_path / 'bag')).successful
         assert manager.change('recorder', 'configure'), program.output
-        reason = manager.set('recorder', 'output', str(tmp_path / 'other'))
-        assert reason.startswith('output is read when the node is configured; before you set it call ros2 lifecycle')
+        refused = manager.set('/recorder', output=str(tmp_path / 'other'))
+        assert refused.reason.startswith('output is read when the node is configured; before you set it call ros2')
         assert program.stop() == 0
     assert (tmp_path / 'bag' / 'metadata.yaml').exists()
 
@@ -120,8 +112,8 @@ def test_the_recorder_writes_one_bag_while_it_is_active(manager, rig, tmp_path):
 
     def rate():
         status = manager.status('recorder')
-        values = {} if status is None else {pair.key: pair.value for pair in status.values}
-        return float(values.get('/joint_states rate [Hz]', 0.0)), int(values.get('/joint_states lost', 0))
+        found = {} if status is None else values(status)
+        return float(found.get('/joint_states rate [Hz]', 0.0)), int(found.get('/joint_states lost', 0))
 
     with Program('recorder', *parameters(output=tmp_path / 'bag', topics='[joint_states]')) as program:
         manager.until(lambda: rate()[0] > 0)
@@ -180,7 +172,7 @@ def test_inactive_identifiers_and_trackers_are_idle(manager):
 
         def samples():
             status = manager.status('tracker')
-            return 0 if status is None else int({p.key: p.value for p in status.values}['samples'])
+            return 0 if status is None else int(values(status)['samples'])
 
         manager.until(lambda: samples() > 0)
         assert manager.change('tracker', 'deactivate')
