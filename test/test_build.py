@@ -98,16 +98,7 @@ def test_without_a_compiler_the_package_builds_and_reports_the_use_of_numpy(tmp_
 )
 def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     # Before numpy 2 the type of a product depends on the values, and overflows differ.
-    pip = [
-        sys.executable,
-        '-m',
-        'pip',
-        '--disable-pip-version-check',
-        'install',
-        '--quiet',
-        '--no-deps',
-        '--no-compile',
-    ]
+    pip = [sys.executable, '-m', 'pip', 'install', '--quiet', '--no-deps', '--no-compile']
     run([*pip, '--target', str(tmp_path), 'numpy==1.26.4'], ROOT, None)
     env = {**os.environ, 'PYTHONPATH': f'{tmp_path}:{os.environ.get("PYTHONPATH", "")}'}
     assert run([sys.executable, '-c', 'import numpy; print(numpy.__version__)'], ROOT, env) == '1.26.4\n'
