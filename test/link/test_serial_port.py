@@ -6,7 +6,6 @@
 import errno
 import os
 import pty
-import re
 import select
 import threading
 import time
@@ -116,55 +115,49 @@ def test_the_arrival_time_of_bytes_is_never_before_their_sending(port, monkeypat
         assert receiver.arrivals[-1] >= sent[0]
 
 
-@pytest.mark.parametrize('wrong', ['/dev/null', __file__, 'nonsense://x', 'hwgrep://[', 'loop://x?foo=1'])
-def test_an_invalid_port_is_reported_once_in_a_sentence_and_opening_is_repeated(port, monkeypatch, wrong):
-    """For these, pyserial raises various exceptions, such as re.error and KeyError."""
-    device, path, tried, true_open = Pty(port), wrong, threading.Semaphore(0), serial.serial_for_url
-
-    def opening(_, *args, **given):
-        tried.release()
-        return true_open(path, *args, **given)
-
-    monkeypatch.setattr(serial, 'serial_for_url', opening)
-    with Receiver(wrong) as receiver:
-        assert all(tried.acquire(timeout=10) for _ in range(3))
-        path = str(port)
-        receiver.wait(lambda e: e.opened)
-        (reason,) = receiver.closed
-        assert re.fullmatch(rf'the port {re.escape(wrong)} cannot be opened \(.+\); set port to .*', reason)
-        device.unplug()
-
-
 def forbidden(*_, **__):
     """Fail like opening without permission, also for root."""
     raise serial.SerialException(errno.EACCES, 'could not open port')
 
 
-@pytest.mark.parametrize(('trouble', 'text'), [('busy', '(process {})'), ('forbidden', 'dialout'), ('missing', 'port')])
+#: For wrong names pyserial raises various exceptions, such as re.error and KeyError.
+WRONG = '/dev/null', __file__, 'nonsense://x', 'hwgrep://[', 'loop://x?foo=1'
+
+
+@pytest.mark.parametrize(
+    ('trouble', 'text'),
+    [
+        ('busy', '(process {})'),
+        ('forbidden', 'dialout'),
+        ('missing', 'port'),
+        *((wrong, f'the port {wrong} cannot be opened (') for wrong in WRONG),
+    ],
+)
 def test_an_unusable_port_is_reported_once_with_the_remedy_and_opened_later(port, monkeypatch, trouble, text):
     device, tried, true_open = Pty(port), threading.Semaphore(0), serial.serial_for_url
     holder = serial.Serial(str(port), exclusive=True) if trouble == 'busy' else None
+    path = trouble if trouble in WRONG else port
     if trouble == 'missing':
         port.unlink()
-    monkeypatch.setattr(serial, 'serial_for_url', forbidden if trouble == 'forbidden' else true_open)
-    present = serial.serial_for_url
+    present = forbidden if trouble == 'forbidden' else true_open
 
-    def opening(*args, **given):
+    def opening(_, *args, **given):
         tried.release()
-        return present(*args, **given)
+        return present(str(path), *args, **given)
 
     monkeypatch.setattr(serial, 'serial_for_url', opening)
-    with Receiver(port) as receiver:
+    with Receiver(path) as receiver:
         assert all(tried.acquire(timeout=10) for _ in range(3))
         if holder:
             holder.close()
         if trouble == 'missing':
             port.symlink_to(device.slave)
-        present = true_open
+        path, present = port, true_open
         receiver.wait(lambda e: e.opened)
         (reason,) = receiver.closed
         assert trouble in reason
         assert text.format(os.getpid()) in reason
+        assert '; ' in reason, 'the remedy'
         device.unplug()
 
 

@@ -37,16 +37,6 @@ class Bench:
         self.board.receive(encode(Command(2, 0, 1, 100, torque, session=5)))
 
 
-def test_the_torque_is_constant_between_samples_and_drives_the_plant():
-    bench = Bench()
-    bench.torque(300_000)
-    first = bench.step()
-    assert (first.torque, first.enc1) == (300_000, 0)
-    reference = Plant(PAPER)
-    reference.advance((0.3, 0.0), 0.01)
-    assert bench.step().enc1 == round((reference.q[0] + math.pi / 2) * 4000 / (2 * math.pi)) != 0
-
-
 def test_a_restart_resets_everything_except_the_motion_and_ends_an_emergency_stop():
     bench = Bench(Faults(emergency_stop_at=0.05, reset_at=0.5), Plant(PAPER, q=(-1.0, 0.3)))
     first = bench.hello
