@@ -20,7 +20,6 @@ from test.rig import ARMED, PATIENT, WATCHDOG
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.usefixtures('each_board')
 def test_the_bridge_arms_only_by_service_and_a_signal_disarms_it_for_good(rig):
     r = rig(200, '--torque-limit', '0.5')
     r.start_board()

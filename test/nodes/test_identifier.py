@@ -15,7 +15,6 @@ from std_srvs.srv import Trigger
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test.nodes.observer import Observer, values
 from test.processes import Program, parameters
 
@@ -147,10 +146,9 @@ def test_each_run_uses_the_current_settings_and_names_parameters_without_influen
 
 
 def test_failures_are_published_and_answered_and_no_file_is_overwritten(bag, tmp_path, client):
-    output, beyond, swing, day = (tmp_path / name for name in ('result.yaml', 'no/file', 'swing', 'day'))
+    output, beyond, swing = (tmp_path / name for name in ('result.yaml', 'no/file', 'swing'))
     output.write_text('mine')
-    t = np.arange(6020) / 10
-    write_trajectory(day, Trajectory(t, np.sin(np.column_stack([t, 2 * t])), np.zeros((len(t), 2))))
+
     shutil.copytree(bag, swing)
     (file,) = swing.glob('*.mcap')
     before = file.read_bytes()
@@ -159,7 +157,6 @@ def test_failures_are_published_and_answered_and_no_file_is_overwritten(bag, tmp
         ('/nowhere', {'output': str(output)}, f'{output} exists already and was left as it is; choose another name or'),
         ('/nowhere', {'output': str(beyond)}, f'{beyond} cannot be written (No such file or directory); choose a'),
         (swing, {'output': str(file), 'force': True}, f'{file} is read, so it cannot be written as well; give another'),
-        (day, {}, 'it lasts 602 s, and at most 600 s are read at once; take windows of it, such as'),
     ):
         status, _, params = client.identified(bags, **options)
         assert (status.level, params) == (ERROR, [])

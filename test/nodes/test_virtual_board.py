@@ -66,7 +66,6 @@ def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
         (['--rate', '0'], 1, '--rate is 0 Hz'),
         (['--fault', 'rust=1'], 1, "no fault 'rust'"),
         (['--limit', 'heat=1'], 1, "no limit 'heat'; the limits are torque_slew, max_speed"),
-        (['--link', __file__], 1, 'no link to a pty'),
     ],
 )
 def test_options_are_accepted_or_refused_with_a_message(options, status, text):
