@@ -15,7 +15,7 @@ import yaml
 
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.processes import Program, run_program
+from test.processes import Program
 from test.witness import Witness
 
 pytestmark = pytest.mark.ros
@@ -106,7 +106,5 @@ def test_the_balance_demo_ends_with_a_balanced_rig_and_a_figure(tmp_path):
     assert (folder / 'balance.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_a_demo_never_overwrites(tmp_path):
-    again = run_program('pendubot', 'demo', '--output', tmp_path)
-    assert again.returncode == 1
-    assert 'exists already' in again.stderr
+def test_a_demo_never_overwrites(tmp_path, refused):
+    assert 'exists already' in refused('demo', '--output', tmp_path)

@@ -157,28 +157,29 @@ def test_invalid_arguments_and_missing_programs_are_refused(packages, name, argu
         assert launch(name, **arguments, view='false'), 'an unused program must not be required'
 
 
-@pytest.mark.parametrize('namespace', ['', 'lab1', '/lab1'])
+@pytest.mark.parametrize(
+    ('above', 'namespace', 'place'),
+    [
+        *(('', '', ''), ('', 'lab1', '/lab1'), ('', '/lab1', '/lab1')),
+        # A relative namespace is below that of the including file.
+        *(('/hall', '', '/hall'), ('/hall', 'lab1', '/hall/lab1'), ('/hall', '/lab1', '/lab1')),
+    ],
+)
 @pytest.mark.parametrize(('argument', 'program'), [('bridge', 'bridge'), ('excitation', 'exciter')])
-def test_a_parameter_file_without_parameters_for_the_node_is_refused(tmp_path, namespace, argument, program):
-    """Otherwise a rig would move with the defaults instead of the file's limits."""
-    file = tmp_path / 'mine.yaml'
-    given = {argument: str(file), **({'namespace': namespace} if namespace else {})}
-    node = f'/lab1/{program}' if namespace else f'/{program}'
-    for name in (f'/**/{program}', node, *([] if namespace else [program])):
+def test_a_parameter_file_without_parameters_for_the_node_is_refused(
+    tmp_path, above, namespace, place, argument, program
+):
+    """Otherwise a rig would move with the defaults instead of the file's limits; see test_parameter_files.py."""
+    file, node = tmp_path / 'mine.yaml', f'{place}/{program}'
+    given = {'above': above, 'namespace': namespace, argument: str(file)}
+    for name in (node, f'/**/{program}'):
         file.write_text(yaml.safe_dump({name: {'ros__parameters': {'seed': 1}}}))
-        assert str(file) in launch('rig', **given)[program].parameters
-    for name in ('recorder', f'/lab2/{program}', *([program] if namespace else [])):
-        file.write_text(yaml.safe_dump({name: {'ros__parameters': {'seed': 1}}}))
-        message = f'{file} has no effect: it contains parameters of /{name.strip("/")}, and none of {node}; name {node}'
-        with pytest.raises(ParameterError, match=re.escape(f'{message} in it, or /**/{program} for')):
-            launch('rig', **given)
-
-
-def test_a_relative_namespace_is_below_the_including_files_namespace(tmp_path):
-    file = tmp_path / 'mine.yaml'
-    for namespace, node in (('', '/hall/bridge'), ('lab1', '/hall/lab1/bridge'), ('/lab1', '/lab1/bridge')):
-        file.write_text(yaml.safe_dump({node: {'ros__parameters': {'torque_limit': 1.0}}}))
-        assert launch('rig', above='/hall', namespace=namespace, bridge=str(file))['bridge'].namespace == namespace
+        started = launch('rig', **given)[program]
+        assert (started.namespace, str(file) in started.parameters) == (namespace, True)
+    file.write_text(yaml.safe_dump({f'/lab2/{program}': {'ros__parameters': {'seed': 1}}}))
+    message = f'{file} has no effect: it contains parameters of /lab2/{program}, and none of {node}; name {node}'
+    with pytest.raises(ParameterError, match=re.escape(f'{message} in it, or /**/{program} for')):
+        launch('rig', **given)
 
 
 #: A user's parameter file.

@@ -94,7 +94,7 @@ def test_the_example_frames_of_the_protocol_page_are_correct(probe):
 
 def damaged(rng):
     """Return altered, cut or joined frames, correct frames of invalid bodies, or noise."""
-    kind = rng.randrange(8)
+    kind = rng.randrange(6)
     body = struct.pack('<BBHI', rng.choice([2, 2, 5, 5, 4, 1, 3, rng.randrange(256)]), 2, rng.randrange(65536), 0)
     body += rng.randbytes(rng.choice([12, 13, 0, rng.randrange(85)]))
     if kind == 0:
@@ -105,14 +105,8 @@ def damaged(rng):
         return frame(body[: rng.randrange(len(body) + 1)])
     data = bytearray(frame(body))
     at = rng.randrange(len(data))
-    if kind == 3:
-        data[at] ^= 1 << rng.randrange(8)
-    elif kind == 4:
-        del data[at]
-    elif kind == 5:
-        data.insert(at, data[at])
-    elif kind == 6:
-        data[at] = rng.randrange(256)
+    # Change, lose or add a byte, or none.
+    data[at : at + rng.randrange(2)] = rng.randbytes(rng.randrange(2))
     return bytes(data)
 
 
@@ -125,7 +119,6 @@ def test_the_decoder_in_c_agrees_with_pythons_on_damaged_inputs_in_any_chunks(pr
         python = [without_version(event) for event in decoder.feed(data)]
         assert probe.decode(data[:cut]) + probe.decode(data[cut:]) == python
         seen.update(event.reason if isinstance(event, Damaged) else type(event).__name__ for event in python)
-    print(INPUTS, 'inputs:', dict(seen))
     assert set(seen) == {'overlong', 'cobs', 'length', 'crc', 'version', 'type', 'Command', 'HelloRequest', 'Arm'}
 
 

@@ -192,7 +192,6 @@ def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_tim
             assert not (actual[0] and state.status & FAULTS)
             model.armed, model.torque, model.lock, model.refused = actual
         seen['boots'] += 1
-    print(frames, 'frames:', dict(seen))
     # Every outcome must be frequent enough.
     assert seen['refused'] > frames / 10
     assert min(seen['armed'], seen['commanded'], seen['samples with torque']) > frames / 40
