@@ -11,6 +11,11 @@ import yaml
 from pendubot_identification.cli.main import main
 from pendubot_identification.results.result_file import SCHEMA
 
+#: Options of a fast identification.
+FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
+#: Endless pulses without a pause.
+PULSES = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
+
 
 def written(path, parameters):
     """Write parameters to a result file and return its path."""

@@ -40,6 +40,11 @@ class Observer:
         """Return the last status of a program on /diagnostics, or None."""
         return next((each for each in reversed(self.statuses) if each.name == name), None)
 
+    def reported(self, name):
+        """Return the values of the last status of a program, if any."""
+        status = self.status(name)
+        return {} if status is None else values(status)
+
     def call(self, kind, name, **request):
         """Call a service; the client is kept because discovery takes longer than the call."""
         if name not in self._clients:

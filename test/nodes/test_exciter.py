@@ -14,13 +14,12 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
+from test.nodes.conftest import PULSES
 from test.processes import Program, parameters, spin_until
 from test.rig import ARMED, PATIENT, Rig
 
 pytestmark = pytest.mark.ros
 EFFORT = '/pendubot/effort_command'
-#: Endless pulses without a pause.
-PULSES = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
 
 
 @pytest.fixture(scope='module')

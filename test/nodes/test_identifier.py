@@ -15,14 +15,14 @@ from std_srvs.srv import Trigger
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
+from test.nodes.conftest import FAST
 from test.nodes.observer import Observer, values
 from test.processes import Program, parameters
 
 pytestmark = pytest.mark.ros
 
 #: Fast options, and the defaults of the options that tests change.
-FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero', 'sliding': 0.0}
-FAST |= {'validate': [''], 'output': '', 'force': False}
+USUAL = FAST | {'validate': [''], 'output': '', 'force': False}
 WARN, ERROR = b'\x01', b'\x02'
 PROGRESS = 'identifier: progress'
 
@@ -45,7 +45,7 @@ class Client(Observer):
 
     def identified(self, *bags, **given):
         """Identify these bags; return the status, its values, and the published parameters."""
-        answer = self.set('/identifier', **FAST | {'bags': [str(bag) for bag in bags]} | given)
+        answer = self.set('/identifier', **USUAL | {'bags': [str(bag) for bag in bags]} | given)
         assert answer.successful, answer.reason
         self.params.clear()
         self.quality.clear()
@@ -62,7 +62,7 @@ def test_progress_is_published_and_also_a_result_that_cannot_be_written(ros, bag
     folder = tmp_path / 'gone'
     folder.mkdir()
     # Long enough to observe progress, and to remove the folder meanwhile.
-    long = {'criterion': 'energy', 'model': 'viscous', 'runs': 2, 'generations': 6000, 'spread': 0.0, 'hold': 'zero'}
+    long = FAST | {'optimizer': 'auto', 'runs': 2, 'generations': 6000, 'spread': 0.0}
     given = parameters(output=folder / 'result.yaml', **long)
     with Client(ros) as client, Program('identifier', *given, env={'PENDUBOT_KERNEL': 'off'}) as program:
         program.wait_for('waiting: set the parameter bags')

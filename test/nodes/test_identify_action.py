@@ -14,15 +14,15 @@ from rclpy.action import ActionClient
 from std_msgs.msg import String
 
 from pendubot_identification.nodes.messages import LATCHED
+from test.nodes.conftest import FAST
 from test.nodes.observer import Observer
 from test.processes import Program, parameters
 
 pytestmark = pytest.mark.ros
 pytest.importorskip('pendubot_interfaces', reason='colcon, or make .venv/.interfaces, builds it')
 Identify = importlib.import_module('pendubot_interfaces.action').Identify
-FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
 #: Takes minutes, in one stage of many generations.
-LONG = {'criterion': 'energy', 'model': 'viscous', 'hold': 'zero', 'generations': 10_000_000, 'spread': 0.0}
+LONG = FAST | {'optimizer': 'auto', 'generations': 10_000_000, 'spread': 0.0}
 
 
 class Goals(Observer):

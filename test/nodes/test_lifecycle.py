@@ -13,7 +13,8 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
-from test.nodes.observer import Observer, values
+from test.nodes.conftest import FAST, PULSES
+from test.nodes.observer import Observer
 from test.processes import Program, parameters
 from test.rig import ARMED, PATIENT, WATCHDOG
 
@@ -111,8 +112,7 @@ def test_the_recorder_writes_one_bag_while_it_is_active(manager, rig, tmp_path):
     r.start_bridge()
 
     def rate():
-        status = manager.status('recorder')
-        found = {} if status is None else values(status)
+        found = manager.reported('recorder')
         return float(found.get('/joint_states rate [Hz]', 0.0)), int(found.get('/joint_states lost', 0))
 
     with Program('recorder', *parameters(output=tmp_path / 'bag', topics='[joint_states]')) as program:
@@ -133,8 +133,7 @@ def test_the_exciter_moves_the_rig_only_while_an_active_recorder_writes(manager,
     r.start_board()
     r.start_bridge(*PATIENT)
     recorder = r.start('recorder', *parameters(output=tmp_path / 'bag', autostart='false'))
-    pulses = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
-    exciter = r.start('exciter', *parameters(arm='true', recorded='true', **pulses))
+    exciter = r.start('exciter', *parameters(arm='true', recorded='true', **PULSES))
     assert manager.change('recorder', 'configure'), recorder.output
     exciter.wait_for('waiting for a recorder of /joint_states')
     assert not (r.trace()[:, 4] & ARMED).any()
@@ -157,8 +156,7 @@ def test_the_exciter_moves_the_rig_only_while_an_active_recorder_writes(manager,
 
 def test_inactive_identifiers_and_trackers_are_idle(manager):
     bag = ROOT / 'bags/paper_experiment'
-    fast = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
-    with Program('identifier', *parameters(bags=f'[{bag}]', autostart='false', **fast)) as program:
+    with Program('identifier', *parameters(bags=f'[{bag}]', autostart='false', **FAST)) as program:
         assert manager.change('identifier', 'configure')
         answer = manager.call(Trigger, '/identifier/identify')
         assert (answer.success, 'the identifier is inactive' in answer.message) == (False, True)
@@ -171,8 +169,7 @@ def test_inactive_identifiers_and_trackers_are_idle(manager):
         stack.enter_context(Program('player', *parameters(bag=bag, topics='[joint_states]')))
 
         def samples():
-            status = manager.status('tracker')
-            return 0 if status is None else int(values(status)['samples'])
+            return int(manager.reported('tracker').get('samples', 0))
 
         manager.until(lambda: samples() > 0)
         assert manager.change('tracker', 'deactivate')

@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from pendubot_identification.resources import resource
-from test.nodes.observer import Observer, values
+from test.nodes.conftest import FAST
+from test.nodes.observer import Observer
 from test.processes import Program, parameters
 
 pytestmark = pytest.mark.ros
@@ -53,18 +54,14 @@ def test_programs_move_record_and_identify_only_the_rig_of_their_namespace(trace
     first, second = traces
     bag = tmp_path / 'bag'
 
-    def diagnosis(name):
-        status = observer.status(name)
-        return {} if status is None else values(status)
-
     with (
         Program('recorder', *parameters(output=bag), *LAB1) as recorder,
         Program('exciter', *parameters(duration=3.0, **PULSES), *LAB1) as exciter,
     ):
         recorder.wait_for('recording /lab1/joint_states')
         exciter.wait_for('exciting')
-        observer.until(lambda: diagnosis('lab1/bridge').get('armed') == 'True')
-        assert diagnosis('lab1/bridge')['torque limit [N m]'] == '0.123', 'the parameter file was ignored'
+        observer.until(lambda: observer.reported('lab1/bridge').get('armed') == 'True')
+        assert observer.reported('lab1/bridge')['torque limit [N m]'] == '0.123', 'the parameter file was ignored'
         # The other rig's diagnostics, always disarmed, must not stop this exciter.
         observer.until(lambda: exciter.process.poll() is not None)
         assert exciter.process.returncode == 0, exciter.output
@@ -72,14 +69,13 @@ def test_programs_move_record_and_identify_only_the_rig_of_their_namespace(trace
         assert recorder.stop() == 0
     assert armed_or_moved(first())
     assert not armed_or_moved(second())
-    assert diagnosis('lab2/my_bridge')['armed'] == 'False'
-    assert diagnosis('lab2/my_bridge')['discarded'] == '0', 'it received an effort command of the other rig'
-    assert diagnosis('lab1/recorder')
+    assert observer.reported('lab2/my_bridge')['armed'] == 'False'
+    assert observer.reported('lab2/my_bridge')['discarded'] == '0', 'it received an effort command of the other rig'
+    assert observer.reported('lab1/recorder')
     recorded = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
     names = {entry['topic_metadata']['name'] for entry in recorded['topics_with_message_count']}
     assert names == {'/lab1/joint_states', '/lab1/pendubot/effort_command'}
-    quick = {'criterion': 'energy', 'optimizer': 'lsq', 'model': 'viscous'}
-    with Program('identifier', *parameters(bags=f"['{bag}']", **quick), *LAB1):
+    with Program('identifier', *parameters(bags=f"['{bag}']", **FAST), *LAB1):
         observer.until(lambda: observer.params)
         assert not observer.node.count_publishers('/pendubot/params')
         observer.until(lambda: observer.status('lab1/identifier: progress'))

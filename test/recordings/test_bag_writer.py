@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import os
+import resource
+from collections import deque
+from itertools import count
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from pendubot_identification.errors import BagError
+from pendubot_identification.recordings import bag_writer
 from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
 from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter, complete_bag, offered_profiles
 from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
@@ -110,6 +114,27 @@ def test_a_killed_writer_loses_at_most_0_1_s_even_if_the_clock_is_set_back(tmp_p
         assert not reader.closed
         assert 'never closed' in reader.note
         assert 990 <= reader.count <= 1000
+
+
+def test_a_full_disk_is_reported_in_one_sentence_and_leaves_complete_chunks(tmp_path, monkeypatch):
+    """A limit of the file size stands for the full disk; the test of the recorder fills a disk."""
+    monkeypatch.setattr(bag_writer, '_shortage', lambda *_: '')
+    bag, numbers = BagWriter(tmp_path / 'bag'), count()
+    channel, limits = bag.add_topic(TOPIC, JOINT_STATE), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        with pytest.raises(BagError, match=r'cannot be written \(File too large\); free some space'):
+            deque((bag.write(channel, *message(k)[::-1]) for k in numbers), maxlen=0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with pytest.raises(BagError, match='cannot be written'):
+        bag.write(channel, message(0)[1], START)
+    bag.close()
+    reader = BagReader(tmp_path / 'bag')
+    sent = next(numbers)
+    assert sent - 12 <= reader.count <= sent
+    assert sum(1 for _ in reader.files[0].scan()) > 10
+    assert reader.files[0].damages == [], 'no incomplete chunk at the end'
 
 
 @pytest.mark.parametrize('velocities', [True, False])
