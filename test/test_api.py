@@ -346,6 +346,7 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: identify(t=['a', 'b'], q=np.zeros((2, 2)), tau=0.0), 't cannot be read: could not convert string'),
         (lambda: identify(Trajectory(np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2)))), '1 samples are too few'),
         (lambda: identify(SAMPLE, t=[0.0]), 'both recordings and arrays were given'),
+        (lambda: Pendubot(1.0, 1.0, 5.0, 1.0, 1.0, 0.0, 0.0), 'no rig can have .* does not exceed P3'),
         (lambda: identify(SAMPLE, bounds={'P9': (0, 1)}), "no parameter 'P9'"),
         (lambda: identify(read(SAMPLE), degrees=True), 'degrees convert files, and a Trajectory is already converted'),
     ],

@@ -152,14 +152,11 @@ def test_the_tests_of_the_safety_statements_exist():
         assert re.search(rf'^def {name}\(', source.read_text(), re.MULTILINE), f'{file}::{name}'
 
 
-def code_of(language, page):
-    (code,) = re.findall(rf'```{language}\n(.*?)```', page.read_text(), re.DOTALL)
-    return code
-
-
 def test_the_python_example_of_the_page_identifies_the_sample_bag(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
-    exec(code_of('python', ROOT / 'docs' / 'getting-started.md'), names := {})
+    page = (ROOT / 'docs' / 'getting-started.md').read_text()
+    (code,) = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
+    exec(code, names := {})
     np.testing.assert_allclose(names['rig'].theta[:7], PAPER.vector(), rtol=0.05)
     assert len(names['again']) == len(names['motion'])
 

@@ -169,7 +169,7 @@ def test_invalid_arguments_and_missing_programs_are_refused(packages, name, argu
 def test_a_parameter_file_without_parameters_for_the_node_is_refused(
     tmp_path, above, namespace, place, argument, program
 ):
-    """Otherwise a rig would move with the defaults instead of the file's limits; see test_parameter_files.py."""
+    """Otherwise a rig would move with the defaults instead of the file's limits; see test_config.py."""
     file, node = tmp_path / 'mine.yaml', f'{place}/{program}'
     given = {'above': above, 'namespace': namespace, argument: str(file)}
     for name in (node, f'/**/{program}'):
