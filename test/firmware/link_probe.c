@@ -31,7 +31,6 @@ static uint8_t *exactly(size_t size)
 int main(void)
 {
     static struct pendubot_link link;
-    static struct pendubot_decoder decoder;
     for (int call; (call = getchar()) != EOF;) {
         if (call == 'B') {
             static struct {
@@ -69,23 +68,8 @@ int main(void)
             free(out);
         } else if (call == 'O') {
             pendubot_note_overrun(&link);
-        } else if (call == 'D') {
-            uint32_t size;
-            take(&size, sizeof size);
-            for (uint32_t k = 0; k < size; k++) {
-                struct pendubot_request c = { 0 };
-                uint8_t byte = 0;
-                take(&byte, 1);
-                uint8_t event = (uint8_t)pendubot_decode(&decoder, byte, &c);
-                if (event != PENDUBOT_NOTHING) {
-                    give(&event, 1);
-                    give(&c, sizeof c);
-                }
-            }
-            uint8_t end = PENDUBOT_NOTHING;
-            give(&end, 1);
         }
-        if (call == 'S' || call == 'D') {
+        if (call == 'S') {
             fflush(stdout);
         }
     }

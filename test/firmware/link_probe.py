@@ -7,15 +7,11 @@ import struct
 import subprocess
 from dataclasses import astuple
 
-from pendubot_identification.link.protocol import Arm, Command, Damaged, HelloRequest, Limits
-
-#: In the order of enum pendubot_event, from PENDUBOT_OVERLONG.
-REASONS = ('overlong', 'cobs', 'length', 'crc', 'version', 'type')
-_REQUEST = struct.Struct('=IIIiHHHBB')
+from pendubot_identification.link.protocol import Limits
 
 
 class LinkProbe:
-    """The program link_probe.c: a board's link and an independent decoder."""
+    """The program link_probe.c: a board's link."""
 
     def __init__(self, program):
         self._process = subprocess.Popen(
@@ -60,25 +56,6 @@ class LinkProbe:
         torque, size = struct.unpack('=iI', self._read(8))
         return torque, self._read(size)
 
-    def decode(self, data):
-        """Return the events that end within these bytes, as :class:`.protocol.Decoder` does."""
-        self._call('D', '=I', len(data))
-        self._process.stdin.write(data)
-        self._flush()
-        events = []
-        while kind := self._read(1)[0]:
-            request = _REQUEST.unpack(self._read(_REQUEST.size))
-            t_us, session, boot_id, torque, seq, watchdog_ms, lock, mode, _ = request
-            if kind == 1:
-                events.append(Command(seq, t_us, mode, watchdog_ms, torque, session))
-            elif kind == 2:
-                events.append(Arm(seq, t_us, boot_id, session, lock, watchdog_ms))
-            elif kind == 3:
-                events.append(HelloRequest(seq, t_us))
-            else:
-                events.append(Damaged(REASONS[kind - 4]))
-        return events
-
     def _call(self, name, layout, *values):
         self._process.stdin.write(name.encode() + struct.pack(layout, *values))
 
@@ -93,8 +70,3 @@ class LinkProbe:
         if len(data) < size:
             self.close()
         return data
-
-
-def without_version(event):
-    """Return an event of Python's decoder as the C decoder reports it, without the version of a damaged frame."""
-    return Damaged(event.reason) if isinstance(event, Damaged) else event

@@ -9,6 +9,7 @@ disarming. The model predicts armed bit, torque, lock and refused requests.
 
 import os
 import random
+import struct
 from collections import Counter
 
 from pendubot_identification.link.protocol import (
@@ -16,16 +17,20 @@ from pendubot_identification.link.protocol import (
     FAULTS,
     Arm,
     Command,
+    Damaged,
     Decoder,
     HelloRequest,
     Limits,
     Status,
     encode,
+    frame,
 )
 from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 
+#: Number of damaged inputs; for a million set FIRMWARE_INPUTS=1000000.
+INPUTS = int(os.environ.get('FIRMWARE_INPUTS', '10000'))
 #: Number of frames to each board; for a million set OWNERSHIP_FRAMES=1000000.
 FRAMES = int(os.environ.get('OWNERSHIP_FRAMES', '20000'))
 PERIOD_US, WATCHDOG_MAX_MS, TORQUE_LIMIT, SLEW = 1000, 30, 1_000_000, 400_000
@@ -150,12 +155,41 @@ def requests(rng, model, history):
     return requests
 
 
+def noise(rng):
+    """Return random bytes and the end of a frame."""
+    return rng.randbytes(rng.randrange(120)) + b'\0'
+
+
 def damaged(rng):
-    """Return a frame with one wrong byte, or random bytes."""
-    frame = bytearray(encode(Command(1, 0, 1, 500, 500_000, session=1)))
-    at = rng.randrange(len(frame) - 1)
-    frame[at] = frame[at] % 255 + 1
-    return bytes(frame) if rng.random() < 0.5 else rng.randbytes(rng.randrange(40)) + b'\0'
+    """Return altered, cut or joined frames, correct frames of invalid bodies, or noise."""
+    kind = rng.randrange(6)
+    body = struct.pack('<BBHI', rng.choice([2, 2, 5, 5, 4, 1, 3, rng.randrange(256)]), 2, rng.randrange(65536), 0)
+    body += rng.randbytes(rng.choice([12, 13, 0, rng.randrange(85)]))
+    if kind == 0:
+        return noise(rng)
+    if kind == 1:
+        return frame(bytes([body[0], rng.randrange(256)]) + body[2:])
+    if kind == 2:
+        return frame(body[: rng.randrange(len(body) + 1)])
+    data = bytearray(frame(body))
+    at = rng.randrange(len(data))
+    # Change, lose or add a byte, or none.
+    data[at : at + rng.randrange(2)] = rng.randbytes(rng.randrange(2))
+    return bytes(data)
+
+
+def test_the_boards_agree_on_damaged_frames(probe):
+    """A frame that lost its end continues in the next."""
+    rng = random.Random(int(os.environ.get('FIRMWARE_SEED', '1')))
+    boards, seen = BothBoards(probe, 0, Limits(), Faults(), 1), Counter()
+    decoder = Decoder(accept=(Command, HelloRequest, Arm))
+    for k in range(1, INPUTS):
+        data = damaged(rng)
+        boards.step(0, PERIOD_US * k, 0, data)
+        events = decoder.feed(data)
+        seen.update(event.reason if isinstance(event, Damaged) else type(event).__name__ for event in events)
+    print(INPUTS, 'inputs:', dict(seen))
+    assert set(seen) == {'overlong', 'cobs', 'length', 'crc', 'version', 'type', 'Command', 'HelloRequest', 'Arm'}
 
 
 def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_time(probe):
@@ -177,7 +211,7 @@ def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_tim
             fault = Status.EMERGENCY_STOP if elapsed_us >= stop_us else 0
             fault |= Status.OVER_CURRENT if 0 <= elapsed_us - current_us < OVER_CURRENT_US else 0
             sent = requests(rng, model, history)
-            data = b''.join(encode(request) if request else damaged(rng) for request in sent)
+            data = b''.join(encode(request) if request else noise(rng) for request in sent)
             boards.step(late_us, clock_us, int(fault), data)
             state, history = boards.state, (history + [request for request in sent if request])[-50:]
             frames += len(sent)
@@ -192,6 +226,7 @@ def test_torque_needs_an_arming_of_this_boot_and_a_command_of_its_session_in_tim
             assert not (actual[0] and state.status & FAULTS)
             model.armed, model.torque, model.lock, model.refused = actual
         seen['boots'] += 1
+    print(frames, 'frames:', dict(seen))
     # Every outcome must be frequent enough.
     assert seen['refused'] > frames / 10
     assert min(seen['armed'], seen['commanded'], seen['samples with torque']) > frames / 40

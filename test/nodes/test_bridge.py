@@ -20,6 +20,7 @@ from test.rig import ARMED, PATIENT, WATCHDOG
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.usefixtures('each_board')
 def test_samples_have_the_current_and_a_signal_disarms_the_bridge_for_good(rig):
     """Arming, clamping and the command timeout: test_lifecycle.py, test/link and the fault trial watchdog."""
     r = rig(200)
