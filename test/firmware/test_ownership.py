@@ -162,7 +162,7 @@ def noise(rng):
 
 def damaged(rng):
     """Return altered, cut or joined frames, correct frames of invalid bodies, or noise."""
-    kind = rng.randrange(6)
+    kind = rng.randrange(7)
     body = struct.pack('<BBHI', rng.choice([2, 2, 5, 5, 4, 1, 3, rng.randrange(256)]), 2, rng.randrange(65536), 0)
     body += rng.randbytes(rng.choice([12, 13, 0, rng.randrange(85)]))
     if kind == 0:
@@ -171,6 +171,8 @@ def damaged(rng):
         return frame(bytes([body[0], rng.randrange(256)]) + body[2:])
     if kind == 2:
         return frame(body[: rng.randrange(len(body) + 1)])
+    if kind == 3:
+        return bytes([7]) * rng.randrange(120) + encode(Command(1, 0, 0))
     data = bytearray(frame(body))
     at = rng.randrange(len(data))
     # Change, lose or add a byte, or none.

@@ -25,25 +25,16 @@ from benchmarks.faults.recorder import (
 )
 from benchmarks.faults.table import Figure
 from pendubot_identification.recordings.bag_reader import BagReader
+from test.nodes.observer import Observer, values
 from test.recordings.independent import by_mcap, by_rosbags
-
-from ..processes import spin_until
 
 pytestmark = pytest.mark.ros
 
 
 @pytest.fixture
-def diagnostics(node):
-    """A growing list of the recorder's diagnostics: level, text and values by name."""
-    statuses = []
-
-    def on_diagnostics(message):
-        (status,) = message.status
-        if status.name == 'recorder':
-            statuses.append((status.level[0], status.message, {value.key: value.value for value in status.values}))
-
-    node.create_subscription(DiagnosticArray, '/diagnostics', on_diagnostics, 10)
-    return statuses
+def observer(ros):
+    with Observer(ros) as observer:
+        yield observer
 
 
 def described(path):
@@ -55,7 +46,7 @@ def described(path):
     return {each['topic_metadata']['name']: each['message_count'] for each in topics}, profiles
 
 
-def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagnostics(tmp_path, node, diagnostics):
+def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagnostics(tmp_path, node, observer):
     state = DiagnosticArray(
         status=[DiagnosticStatus(level=b'\x01', name='n', message='m', values=[KeyValue(key='k', value='ü')])]
     )
@@ -84,7 +75,7 @@ def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagno
     path, started = tmp_path / 'bag', time.time_ns()
     with recorder(path, *published) as program:
         wait_for_subscriptions(*publishers.values())
-        assert spin_until(node, lambda: diagnostics)
+        observer.until(lambda: observer.status('recorder'))
         for topic in ('/joint_states', '/effort', '/state'):
             for message in published[topic]:
                 publishers[topic].publish(message)
@@ -93,13 +84,16 @@ def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagno
         publishers['/best_effort'].publish(published['/best_effort'][0])
         wait(lambda: recorded(path) == 822)
         # On a busy machine late messages cause a warning, which passes.
-        assert spin_until(
-            node, lambda: diagnostics[-1][2]['/effort messages'] == '300' and diagnostics[-1][:2] == (0, 'recording')
+        observer.until(
+            lambda: (
+                observer.reported('recorder')['/effort messages'] == '300'
+                and observer.statuses[-1].message == 'recording'
+            )
         )
-        values = diagnostics[-1][2]
-        assert values['/effort lost'] == '0'
-        assert float(values['free [MB]']) > 0
-        assert any(float(each[2]['/effort rate [Hz]']) > 0 for each in diagnostics)
+        assert observer.status('recorder').level == b'\0'
+        assert observer.reported('recorder')['/effort lost'] == '0'
+        assert float(observer.reported('recorder')['free [MB]']) > 0
+        assert any(float(values(each)['/effort rate [Hz]']) > 0 for each in observer.statuses)
         assert program.stop(signal.SIGINT) == 0
     assert f'recording to {path}' in program.output
     assert 'recording /effort [std_msgs/msg/Float64]' in program.output
@@ -151,7 +145,7 @@ def test_metadata_of_a_killed_recording_has_every_topic_and_message_count(tmp_pa
     assert not BagReader(path).closed
 
 
-def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, node, diagnostics):
+def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, node, observer):
     path, poor = tmp_path / 'bag', QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
     def last():
@@ -166,18 +160,19 @@ def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, n
         wait(lambda: recorded(path) == 1)
         passing = node.create_publisher(Float64, '/lost', poor)
         program.wait_for('/lost: 1 of 2 publishers offer less and are not recorded')
-        assert spin_until(node, lambda: diagnostics and 'not recorded' in diagnostics[-1][1])
+        observer.until(lambda: observer.statuses and 'not recorded' in observer.statuses[-1].message)
         node.destroy_publisher(passing)
-        assert spin_until(node, lambda: 'not recorded' not in diagnostics[-1][1])
+        observer.until(lambda: 'not recorded' not in observer.statuses[-1].message)
         program.halt()
         for k in range(1, 20_000):
             publisher.publish(Float64(data=float(k)))
         program.process.send_signal(signal.SIGCONT)
-        assert spin_until(node, lambda: diagnostics[-1][0] == 1 and 'messages lost' in diagnostics[-1][1], 20.0)
+        observer.until(lambda: 'messages lost' in observer.statuses[-1].message)
+        assert observer.statuses[-1].level == b'\1'
         publisher.publish(Float64(data=-1.0))
         wait(lambda: last() == -1.0)
         both = '/lost lost', '/lost messages'
-        assert spin_until(node, lambda: sum(int(diagnostics[-1][2][name]) for name in both) == 20_001)
+        observer.until(lambda: sum(int(observer.reported('recorder')[name]) for name in both) == 20_001)
         # Without the other publisher the best-effort one is recorded.
         node.destroy_publisher(publisher)
         passing = node.create_publisher(Float64, '/lost', poor)
@@ -196,11 +191,11 @@ def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_
 
 
 @pytest.mark.parametrize('limited', [True, False], ids=['limit', 'reserve'])
-def test_a_full_disk_is_reported_in_one_sentence_and_leaves_a_closed_bag(node, diagnostics, tmp_path, limited):
+def test_a_full_disk_is_reported_in_one_sentence_and_leaves_a_closed_bag(observer, tmp_path, limited):
     figures = [Figure(*fields) for fields in fills_up(tmp_path, limited=limited)]
     assert all(figure.met for figure in figures), figures
     text = 'is closed with all earlier messages'
-    assert spin_until(node, lambda: diagnostics and diagnostics[-1][0] == 2 and text in diagnostics[-1][1])
+    observer.until(lambda: any(each.level == b'\2' and text in each.message for each in observer.statuses))
 
 
 def test_a_topic_of_two_types_is_reported_in_one_sentence(tmp_path, node, ros):
