@@ -74,34 +74,28 @@ def player(bag, **values):
     return Program('player', *parameters(**{'bag': bag, 'wait': 10.0, **values}))
 
 
-def test_messages_and_quality_of_service_are_played_as_recorded(bag, node):
+def test_messages_of_a_window_and_quality_of_service_are_played_as_recorded(bag, node):
     received = {topic: subscribe(node, topic) for topic in ('/states', '/latched')}
-    with player(bag) as program:
-        assert spin_until(node, lambda: sum(map(len, received.values())) == 401, 20.0)
+    with player(f'{bag}@0.1:0.39') as program:
+        assert spin_until(node, lambda: sum(map(len, received.values())) == 291, 20.0)
         (offered,) = (each.qos_profile for each in node.get_publishers_info_by_topic('/latched'))
         assert program.process.wait(10) == 0
-        program.wait_for('401 messages played')
+        program.wait_for('291 messages played')
     assert offered.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
     durations = offered.deadline, offered.lifespan, offered.liveliness_lease_duration
     assert [each.nanoseconds for each in durations] == [7 * 10**9 + 5, 3600 * 10**9, 60 * 10**9]
-    sent = by_mcap(bag)
+    sent = [each for each in by_mcap(bag) if 100 * MS <= each[1] - START < 390 * MS]
     for topic, messages in received.items():
         assert messages == [data for t, _, data in sent if t == topic]
 
 
-def test_a_window_is_played_at_the_recorded_rate_and_latched_messages_reach_late_subscribers(bag, node):
-    published, played = [], []
-
-    def on_state(message, info):
-        published.append(info['source_timestamp'])
-        played.append(message.position[0])
-
-    node.create_subscription(JointState, '/states', on_state, 1000)
+def test_messages_are_played_at_the_recorded_rate_and_latched_ones_reach_late_subscribers(bag, node):
+    published = []
+    node.create_subscription(JointState, '/states', lambda _, info: published.append(info['source_timestamp']), 1000)
     with player(f'{bag}@0.1:0.4', rate=0.02, wait=0.0) as program:
         assert spin_until(node, lambda: len(published) >= 20, 20.0)
         # A message may be late on a busy machine, but never early.
         assert published[19] - published[0] > 900 * MS
-        assert played[:20] == list(range(100, 120))
         latched = subscribe(node, '/latched')
         assert spin_until(node, lambda: latched)
         assert latched == [TEXT]

@@ -5,6 +5,7 @@ import hashlib
 import shutil
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
