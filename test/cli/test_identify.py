@@ -87,6 +87,24 @@ def test_a_parameter_is_fixed_at_a_value_and_the_others_are_optimal(run, inputs,
         assert fixed['made_by']['start'][:7] == [papers[name]['value'] for name in SEVEN]
 
 
+def test_a_fault_is_named_with_a_remedy_and_the_result_is_still_written(run, inputs, tmp_path):
+    output = tmp_path / 'result.yaml'
+    command = ('identify', inputs / 'swing', *WEAK, '--negate', 'tau1,tau2')
+    status, out, err = run(*command, '--output', output)
+    assert (status, err) == (3, '')
+    data = yaml.safe_load(output.read_text())
+    (fault,), (warning,) = data['faults'], data['warnings']
+    assert fault['found'].endswith('the effort has the wrong sign')
+    assert fault['found'] in warning
+    assert fault['remedy'] in warning
+    assert data['level'] == 'ERROR'
+    # The terminal shows one fault, and the number of its consequences.
+    assert f'ERROR: {" ".join(warning.split())}' in ' '.join(out.split())
+    assert data['consequences']
+    assert 'more follow from that' in out
+    assert run(*command, '--fail-on', 'never')[0] == 0
+
+
 @pytest.mark.parametrize(
     ('arguments', 'training', 'validation'),
     [

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identification.conventions import diagnose, link_length
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
@@ -84,6 +85,21 @@ def test_a_fault_of_the_papers_rig_is_diagnosed(fault):
     assert diagnosis.sentence.startswith(f'{diagnosis.found}: the model does not explain ')
     assert diagnosis.unexplained > 5 * diagnosis.corrected
     assert diagnosis.level == Level.ERROR
+
+
+@pytest.mark.parametrize(
+    ('tau', 'found'),
+    [
+        (FIRST, "the shoulder's effort has the wrong sign"),
+        (SECOND, "the elbow's effort has the wrong sign"),
+        (EXCHANGED, "the joints' efforts are in the wrong order"),
+    ],
+)
+def test_a_fault_of_the_efforts_of_a_rig_with_two_motors_is_diagnosed(tau, found):
+    t = np.arange(900) * 0.01
+    torques = np.column_stack([PulseTrain(seed=1).torques(t), 0.4 * PulseTrain(seed=2).torques(t)])
+    (diagnosis,) = diagnosed(transformed(tau=tau)(quantised(simulate(BALANCE, t, torques), 4000)))
+    assert (diagnosis.found, diagnosis.level) == (found, Level.ERROR)
 
 
 @pytest.mark.parametrize(('rate', 'seed'), [(100, 0), (500, 1)])

@@ -30,8 +30,6 @@ TRUTH = PAPER.vector()
 ENERGY = Settings(criteria=('energy',), model='viscous', optimizer='lsq')
 WEAK = Settings(criteria=('weak',), model='viscous', optimizer='lsq', hold='zero')
 LIKELIHOOD = Settings(model='viscous', hold='zero')
-#: The paper's settings.
-THE_PAPERS = Settings(criteria=('energy',), model='viscous', optimizer='mde', spread=0.0)
 
 
 def error(estimate, truth=TRUTH):
@@ -51,6 +49,7 @@ def test_default_settings_identify_the_true_parameters(default):
     best = result.best
     assert (result.level, result.warnings, result.effects) == (Level.OK, (), ())
     assert (best.criterion, best.model) == ('likelihood', 'viscous')
+    assert (best.prediction.error < result.estimates[0].prediction.error)[:3].all(), 'better than energy'
     assert best.exact
     assert best.converged
     assert error(best) < 0.005
@@ -59,23 +58,6 @@ def test_default_settings_identify_the_true_parameters(default):
     assert (best.effort.hold, round(best.effort.delay, 3)) == ('zero', 0)
     assert result.interval == pytest.approx(0.01)
     assert np.degrees(np.abs(best.zeros.angles)).max() < 0.05
-
-
-def test_the_papers_criterion_is_evaluated_beside_the_selected_one(default):
-    energy, likelihood = estimates = default[0].estimates
-    assert [e.criterion for e in estimates] == ['energy', 'likelihood']
-    for estimate in estimates:
-        assert estimate.theta.shape == estimate.std_error.shape == (7,)
-        assert estimate.covariance.shape == estimate.correlation.shape == (7, 7)
-        assert estimate.intervals.shape == (7, 2)
-        assert estimate.prediction.starts[0] > 0
-        assert estimate.steps
-        assert not Parameters.from_vector(estimate.theta).unphysical()
-    assert energy.runs_at_minimum == 10
-    assert energy.J > 0
-    assert likelihood.runs is None
-    assert (likelihood.prediction.error < energy.prediction.error)[:3].all()
-    assert (energy.std_error > likelihood.std_error).all()
 
 
 @pytest.mark.parametrize(
@@ -103,18 +85,6 @@ def test_progress_is_reported_from_beginning_to_end(default):
     assert (np.diff(J) <= 0).all()
 
 
-def test_the_papers_settings_reach_the_exact_minimum_in_every_run():
-    result = identify([recording()], [recording(seed=2)], THE_PAPERS)
-    (estimate,) = result.estimates
-    assert estimate.runs_at_minimum == 10
-    assert set(estimate.runs.generations) == {4000}
-    np.testing.assert_allclose(estimate.J_runs, estimate.J_exact, rtol=1e-6)
-    np.testing.assert_allclose(estimate.theta, identify([recording()], [], ENERGY).best.theta, rtol=1e-3)
-    assert estimate.J_validation_runs.shape == (10,)
-    assert not Parameters.from_vector(estimate.theta).unphysical()
-    assert result.validation == 'on data that was not used for estimation'
-
-
 def test_bounds_may_be_given_for_the_parameters_of_the_model_alone():
     bounds = default_bounds().replaced('P1', 0.0, 0.5)
     found, same = (identify([recording(300)], [], replace(WEAK, bounds=b)) for b in (bounds.of(7), bounds))
@@ -130,7 +100,7 @@ def with_missing_samples(motion):
 @pytest.mark.parametrize(
     ('motions', 'settings', 'sentence'),
     [
-        ([recording(300)], replace(THE_PAPERS, generations=20), 'of 10 runs reached the exact minimum'),
+        ([recording(300)], replace(ENERGY, optimizer='mde', generations=20), 'of 10 runs reached the exact minimum'),
         ([with_missing_samples(recording(400))], WEAK, 'about 25 of 400 samples are missing'),
         (
             [recording(400)],
@@ -149,22 +119,6 @@ def test_suspicious_recordings_and_results_give_warnings(motions, settings, sent
     assert result.level > Level.OK
     assert any(sentence in warning for warning in result.warnings)
     assert 'the bag was never closed' in result.warnings
-
-
-def test_the_same_seed_gives_the_same_result():
-    motion = recording(300)
-    base = Settings(('weak',), 'viscous', 'mde', hold='zero', generations=20, runs=2, seed=3)
-    first, again, other = (identify([motion], [], each).best for each in (base, base, replace(base, seed=4)))
-    for name in ('theta', 'covariance', 'std_error', 'J', 'J_runs'):
-        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
-    assert (other.runs.x != first.runs.x).any()
-
-
-def test_the_weak_criterion_identifies_a_rig_sampled_at_100_Hz():
-    result = identify([recording(500)], [], replace(WEAK, optimizer='mde'))
-    assert error(result.best) < 0.05
-    assert result.level is Level.OK
-    assert result.best.runs_at_minimum == 10
 
 
 def test_the_smallest_model_that_describes_the_rig_is_selected():
@@ -339,15 +293,6 @@ def test_a_disturbance_of_the_validation_data_is_reported():
         assert (result.level is Level.WARN) == disturbed
 
 
-def test_the_only_recording_with_a_reversed_elbow_is_reported():
-    motions = [recording(400, seed=s, name=f'recording {s}') for s in range(3)]
-    assert identify([m[:200] for m in motions[:2]], [], WEAK).level is Level.OK
-    motions[1] = replace(motions[1], q=motions[1].q * [1, -1])
-    result = identify(motions, [], LIKELIHOOD)
-    assert result.level > Level.OK
-    assert [w.split(' contradicts')[0] for w in result.warnings if 'contradict' in w] == ['recording 1']
-
-
 @pytest.mark.parametrize('fault', ['torque at random', 'angles at random', 'in quarter turns'])
 def test_an_unphysical_or_useless_result_is_never_ok(fault):
     motion, rng = recording(300, seed=2), np.random.default_rng(1)
@@ -360,9 +305,6 @@ def test_an_unphysical_or_useless_result_is_never_ok(fault):
     assert result.level > Level.OK
     assert result.warnings
     for estimate in result.estimates:
-        worse = (estimate.prediction.error[:3] > estimate.prediction.persistence[:3]).any()
-        if Parameters.from_vector(estimate.theta).unphysical() or worse:
-            assert estimate.level is Level.ERROR
         assert abs(estimate.theta[2]) <= np.sqrt(estimate.theta[0] * estimate.theta[1])
 
 
@@ -395,24 +337,6 @@ def test_a_parameter_on_its_bound_is_reported_and_keeps_its_standard_error():
     assert np.isnan(result.best.covariance[5]).all()
     assert np.isfinite(result.best.std_error).all()
     assert result.level > Level.OK
-
-
-@pytest.fixture(scope='module')
-def with_wrong_zero():
-    """Return two recordings of a rig with dry friction; the elbow's zero of the first is wrong by 6 degrees."""
-    rig = replace(PAPER, Fc1=0.05, Fc2=0.005)
-    first, second = (recording(500, rig=rig, seed=seed, strength=1.5, name=f'take {seed}') for seed in (1, 2))
-    return replace(first, q=first.q + np.radians([0.0, 6.0]), qd=None), second
-
-
-def test_the_recording_with_a_wrong_zero_is_reported(with_wrong_zero):
-    result = identify(with_wrong_zero, [], replace(LIKELIHOOD, model='coulomb'))
-    off, std_error = result.best.zeros.angles, result.best.zeros.std_error
-    np.testing.assert_allclose(np.degrees(off), [[0, 0], [6, 0]], atol=1.5)
-    assert (std_error < np.radians(2)).all()
-    assert result.best.zeros.recordings == ('take 1', 'take 2')
-    assert result.level > Level.OK
-    assert any('zero is off by' in w or 'check signs and zeros' in w for w in result.warnings)
 
 
 MOTION = recording(300)

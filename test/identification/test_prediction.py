@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from pendubot_identification.criteria.prediction_error import STEP
 from pendubot_identification.identification.prediction import HORIZONS, Prediction, folds, predict, state_scale
+from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -38,14 +39,6 @@ def test_the_true_parameters_predict_exactly_and_others_do_not(model, delay, par
     assert (prediction.persistence > 0.05).all()
 
 
-def accelerations(P1, P2, P3, P4, P5, b1, b2, q1, q2, v1, v2, torque):
-    """Return the accelerations by PAPER.md's equation (1), implemented independently."""
-    M = [[P1 + P2 + 2 * P3 * np.cos(q2), P2 + P3 * np.cos(q2)], [P2 + P3 * np.cos(q2), P2]]
-    V = [[-P3 * v2 * np.sin(q2), -P3 * (v1 + v2) * np.sin(q2)], [P3 * v1 * np.sin(q2), 0]]
-    G = [P4 * 9.81 * np.cos(q1) + P5 * 9.81 * np.cos(q1 + q2), P5 * 9.81 * np.cos(q1 + q2)]
-    return np.linalg.solve(M, np.array([torque - b1 * v1, -b2 * v2]) - np.array(V) @ [v1, v2] - G)
-
-
 def test_prediction_errors_agree_with_an_independent_integration():
     """Every 50 ms, predict the state after 0.5 s from the smoothed state, with the torque held."""
     recorded = recording(160, strength=0.3)
@@ -56,7 +49,7 @@ def test_prediction_errors_agree_with_an_independent_integration():
         predicted = state
         for k in range(start, start + 50):
             predicted = solve_ivp(
-                lambda _, s, k=k: [*s[2:], *accelerations(*theta, *s, recorded.tau[k, 0])],
+                lambda _, s, k=k: [*s[2:], *forward_dynamics(theta, s[:2], s[2:], recorded.tau[k])],
                 (0, 0.01),
                 predicted,
                 rtol=1e-9,

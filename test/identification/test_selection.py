@@ -101,12 +101,6 @@ def test_only_the_true_effect_of_a_rig_is_accepted(problem, effects, name):
     np.testing.assert_allclose(P, TRUE[:5], rtol=2e-3)
 
 
-def test_a_clean_rig_has_no_effect(problem):
-    base = problem('clean')
-    np.testing.assert_allclose(base.fit.x[:5], TRUE[:5], rtol=1e-3)
-    assert find_effects(base) == []
-
-
 @pytest.mark.parametrize(('right', 'wrong'), [('offset', 'asymmetry'), ('asymmetry', 'offset')])
 def test_a_constant_torque_and_asymmetric_friction_are_distinguished(problem, right, wrong):
     """Both are nearly a constant torque at the shoulder and differ in slow motion only."""
