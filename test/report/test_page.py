@@ -96,8 +96,6 @@ def test_every_number_in_a_table_is_in_the_result_file(options):
         mantissa, _, power = number.partition('e')
         rounding = 0.51 * 10.0 ** (int(power or 0) - len(mantissa.partition('.')[2]))
         assert any(abs(float(number) - value) <= rounding + 1e-9 * abs(value) for value in known), number
-    for name, entry in result['parameters'].items():
-        assert float(page.row(name)[page.row(name).index('±') - 1]) == pytest.approx(entry['value'], abs=5.1e-5)
 
 
 def test_every_picture_has_a_sentence_about_a_good_result():
@@ -112,10 +110,15 @@ def test_every_picture_has_a_sentence_about_a_good_result():
     assert 'one after the other' not in text, 'there is only one recording'
 
 
-def test_captions_describe_the_drawn_data():
-    result = made(('weak',))
-    drawn = pictures(result, [motion(name='a@0:3'), motion(name='b')]).values()
-    text = ' '.join(result_page(result, drawn).split())
+def test_captions_describe_the_drawn_data_and_names_of_the_user_are_escaped():
+    result = plain(('weak',))
+    result['bags'][0]['bag'] = '<script>alert(1)</script>'
+    result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
+    drawn = pictures(made(('weak',)), [motion(name='</script><iframe>'), motion(name='b')]).values()
+    page = result_page(typed(result), drawn, notes=['<script>'])
+    assert page.count('<script') == 2, "the page's scripts"
+    assert 'iframe' not in Page(page).tags
+    text = ' '.join(page.split())
     assert 'these recordings one after the other' in text
     assert 'There are no validation data' in text
     assert 'for 1 s from the measured' in text
@@ -251,16 +254,6 @@ def test_warnings_are_at_the_top_of_the_page():
     assert 'do not use these parameters in a controller' in text
     others = [w for e in result['criteria'].values() for w in e['warnings'] if w not in result['warnings']]
     assert all(html.escape(warning) in text for warning in others)
-
-
-def test_names_of_the_user_are_escaped():
-    result = plain()
-    result['bags'][0]['bag'] = '<script>alert(1)</script>'
-    result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
-    text = result_page(typed(result), [], notes=['<script>'])
-    assert text.count('<script') == 2, "the page's scripts"
-    drawn = pictures(made(('weak',)), [motion(name='</script><iframe>'), motion(name='b')]).values()
-    assert 'iframe' not in Page(result_page(typed(result), drawn)).tags
 
 
 def test_reservations_and_correlations_are_in_the_row_of_their_parameter():
