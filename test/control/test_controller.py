@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The controller on simulated rigs: swing-up, balancing, new parameters, and safety stops."""
+"""The controller on simulated rigs: linearisation, prediction, swing-up, balancing, and safety stops."""
 
 import functools
 import math
@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from pendubot_identification.control.controller import UPRIGHT, Controller, ControlMode, SafetyLimits
-from pendubot_identification.control.linear_control import Design, Loop
+from pendubot_identification.control.estimator import CommandMonitor, Estimator
+from pendubot_identification.control.linear_control import Design, Loop, closed_loop, linearise, margins
 from pendubot_identification.control.plan import Plan, held_since, simulate_closed_loop
 from pendubot_identification.errors import ControlError
-from pendubot_identification.model.parameters import BALANCE
+from pendubot_identification.model.dynamics import forward_dynamics
+from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
 LAG = 0.004
@@ -157,6 +159,86 @@ def test_the_plan_finds_the_torque_limit_too_small_and_gives_a_sufficient_one():
     assert 0.6 < plan.sufficient < 2.0
 
 
-def test_a_rig_with_the_centre_of_mass_of_link_2_at_the_elbow_is_refused():
-    with pytest.raises(ControlError, match='centre of mass of link 2 is at the elbow'):
-        Design.make(replace(BALANCE, P5=-0.01), LOOPS[200])
+@pytest.mark.parametrize(
+    ('rig', 'loop', 'words'),
+    [
+        (replace(BALANCE, P5=-0.01), LOOPS[200], 'centre of mass of link 2 is at the elbow'),
+        (BALANCE, Loop(0.05, 2.95), 'too slow to hold this rig upright'),
+        # With the paper's values link 1 would be 3 cm long.
+        (PAPER, Loop(0.01, 0.004, 2.0), r'margins are too small: gain factors of 0\.7. to 1\.1. and'),
+    ],
+)
+def test_rigs_and_loops_that_cannot_be_balanced_are_refused(rig, loop, words):
+    with pytest.raises(ControlError, match=words):
+        Plan.make(rig, loop)
+
+
+@pytest.mark.parametrize(
+    ('period', 'transport', 'lag'), [(0.005, 1, 0.0), (0.005, 2, 0.0065), (0.002, 4, 0.0), (0.002, 1, 0.004)]
+)
+def test_the_prediction_is_the_true_state_at_the_time_when_the_torque_acts(period, transport, lag):
+    delay, fine = transport * period + lag, 20
+    estimator = Estimator(BALANCE, period, lag, Design.make(BALANCE, Loop(period, lag)).L)
+    rig, rng = LatePlant(BALANCE, lag, (HANGING[0] + 0.2, 0.1)), np.random.default_rng(1)
+    torques, states, predictions = [0.0] * transport, [], []
+    for k in range(round(2 / period)):
+        estimator.update(rig.q, torques[k])
+        predictions.append(estimator.predict(torques[k + 1 :]))
+        torques.append(rng.uniform(-0.5, 0.5))
+        for _ in range(fine):
+            states.append((*rig.q, *rig.qd))
+            rig.advance((torques[k], 0.0), period / fine)
+    true = np.array(states[round(delay / period * fine) :: fine])
+    settled = slice(len(true) // 4, len(true))
+    error = np.abs(np.array(predictions)[settled] - true[settled])
+    assert error[:, :2].max() < 1e-4
+    assert error[:, 2:].max() < 1e-2
+
+
+def test_after_a_gap_the_speed_is_at_most_distance_over_time():
+    estimator = Estimator(BALANCE, 0.005, 0.004, Design.make(BALANCE, Loop(0.005, 0.004)).L)
+    estimator.update(HANGING, 0.0)
+    estimator.update((HANGING[0] + 1.0, 1.0), 0.0, 20)
+    assert max(map(abs, estimator.state[2:])) < 20
+
+
+@pytest.mark.parametrize('transport', [1, 2, 5])
+def test_the_latency_of_commands_is_measured_and_ignored_commands_are_detected_within_a_tenth_of_a_second(transport):
+    monitor, rng, torques = CommandMonitor(0.005), np.random.default_rng(2), [0.0] * transport
+    for k in range(200):
+        assert monitor.obeyed(torques[k])
+        torques.append(float(rng.uniform(-1, 1)))
+        monitor.command(torques[-1])
+    assert monitor.transport == transport
+    assert monitor.pending() == torques[len(torques) + 1 - transport :]
+    assert any(not monitor.obeyed(0.0) for _ in range(21))
+
+
+@pytest.mark.parametrize('rig', [PAPER, BALANCE])
+def test_the_linearisation_is_the_jacobian_of_the_equations_of_motion_at_the_upright_equilibrium(rig):
+    def rates(x):
+        return np.concatenate([x[2:4], forward_dynamics(rig.vector(), x[:2], x[2:4], x[4:])])
+
+    rest, h = np.array([math.pi / 2, 0, 0, 0, 0, 0]), 1e-6
+    np.testing.assert_allclose(rates(rest), 0.0, atol=1e-9)
+    slopes = np.array([(rates(rest + h * e) - rates(rest - h * e)) / (2 * h) for e in np.eye(6)]).T
+    np.testing.assert_allclose(np.hstack(linearise(rig)), slopes, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize(('rate', 'lag'), [(200, 0.0013), (500, 0.011)])
+def test_the_closed_loop_is_unstable_exactly_beyond_the_margins(rate, lag):
+    design = Design.make(BALANCE, Loop(1 / rate, lag))
+    m = margins(design)
+
+    def radius(gain=1.0, delay=None):
+        fixed, moved = closed_loop(design, delay)
+        return abs(np.linalg.eigvals(fixed + gain * moved)).max()
+
+    assert radius() < 1
+    for inside, outside in (
+        ({'gain': 0.99 * m.gain_up}, {'gain': 1.01 * m.gain_up}),
+        ({'gain': 1.01 * m.gain_down}, {'gain': 0.99 * m.gain_down}),
+        ({'gain': np.exp(-0.99j * m.phase)}, {'gain': np.exp(-1.01j * m.phase)}),
+        ({'delay': design.loop.delay + 0.99 * m.delay}, {'delay': design.loop.delay + 1.01 * m.delay}),
+    ):
+        assert radius(**inside) < 1 < radius(**outside)
