@@ -1,12 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Result files: content, order, reading, and errors."""
+"""Result files: content, order, provenance, reading, and errors."""
 
 import json
 import subprocess
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,10 +14,12 @@ import yaml
 
 from pendubot_identification.errors import ResultError
 from pendubot_identification.identification.estimate import Zeros
-from pendubot_identification.identification.settings import CRITERIA
-from pendubot_identification.model.parameters import MODELS, NAMES, PAPER
+from pendubot_identification.identification.settings import CRITERIA, Settings
+from pendubot_identification.model.parameters import MODELS, NAMES, Bounds
+from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.result import SCHEMA, Parameter, PartialResult
+from pendubot_identification.results.provenance import recordings, settings
+from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.results.result import plain as plain_of
 from pendubot_identification.results.result_file import (
     read_complete_result,
@@ -25,6 +27,7 @@ from pendubot_identification.results.result_file import (
     read_result,
     result_text,
 )
+from test.conftest import ROOT
 from test.identified import SOURCE, identified, made, plain, write
 
 
@@ -91,24 +94,6 @@ def test_zeros_are_in_degrees_by_recording():
     assert made(('energy',)).zeros == []
 
 
-@pytest.fixture
-def by_hand(tmp_path):
-    """Return a function that writes a file with the paper's parameters, changed or, with None, omitted."""
-
-    def by_hand(**changes):
-        entries = {name: {'value': value} for name, value in asdict(PAPER).items()} | changes
-        path = tmp_path / 'r.yaml'
-        write(path, {'schema': SCHEMA, 'parameters': {k: v for k, v in entries.items() if v is not None}})
-        return path
-
-    return by_hand
-
-
-def test_zero_parameters_may_be_absent(by_hand):
-    braked = by_hand(Fc1=None, Fc2={'value': 0.1}, J2=None, Fs1=None, k2=None)
-    assert read_result(braked).theta == replace(PAPER, Fc2=0.1)
-
-
 def test_handwritten_numbers_are_read(tmp_path):
     """YAML reads 4e-4 without a point as text, and 1 as an integer."""
     path = tmp_path / 'r.yaml'
@@ -122,25 +107,6 @@ def test_handwritten_numbers_are_read(tmp_path):
     assert all(isinstance(entry.value, float) for entry in given.parameters.values())
 
 
-@pytest.mark.parametrize(
-    ('entry', 'sentence'),
-    [
-        ({'value': 'much'}, "parameters.b2.value is 'much'; a number is expected; name a file that pendubot identify"),
-        ({'value': None}, 'parameters.b2.value is None; .*; name a file that pendubot identify wrote'),
-        ({'value': float('nan')}, 'parameters.b2.value is nan; a number is expected'),
-        ({'value': True}, 'parameters.b2.value is True; a number is expected'),
-        ({'std_error': 1.0}, 'parameters.b2.*value'),
-        (0.1, 'parameters.b2 is 0.1; .*dict'),
-        ({'value': 1.0, 'interval': 0.1}, 'parameters.b2.interval is 0.1; .*tuple'),
-        ({'value': 1.0, 'interval': [1, 'b']}, "parameters.b2.interval.1 is 'b'; a number is expected"),
-        (None, 'has no parameter vector: check b2; one number each is expected for P1, P2'),
-    ],
-)
-def test_invalid_numbers_are_refused_in_one_sentence(by_hand, entry, sentence):
-    with pytest.raises(ResultError, match=f'r.yaml:? {sentence}'):
-        read_result(by_hand(b2=entry))
-
-
 @pytest.mark.parametrize('text', ['', '[]', 'parameters: {P1: {value: 1}}', 'schema: 2', '{'])
 def test_a_file_without_a_result_is_refused_in_one_sentence(tmp_path, text):
     (tmp_path / 'r.yaml').write_text(text)
@@ -149,22 +115,35 @@ def test_a_file_without_a_result_is_refused_in_one_sentence(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ('path', 'sentence'),
+    ('path', 'entry', 'sentence'),
     [
-        (('parameters', 'P4', 'value'), 'r.yaml: parameters.P4.*value.*; name a file'),
-        (('parameters', 'P4'), 'check P4; one number each'),
-        (('level',), 'r.yaml: .*level.*; name a file that pendubot identify wrote, unchanged'),
-        (('bags', 0, 'sha256'), 'r.yaml: bags.0.*sha256.*; name a file'),
+        (
+            ('parameters', 'b2', 'value'),
+            'much',
+            "parameters.b2.value is 'much'; a number is expected; name a file that pendubot identify",
+        ),
+        (('parameters', 'b2', 'value'), None, 'parameters.b2.value is None; .*; name a file that pendubot'),
+        (('parameters', 'b2', 'value'), float('nan'), 'parameters.b2.value is nan; a number is expected'),
+        (('parameters', 'b2', 'value'), True, 'parameters.b2.value is True; a number is expected'),
+        (('parameters', 'b2'), 0.1, 'parameters.b2 is 0.1; .*dict'),
+        (('parameters', 'b2', 'interval'), 0.1, 'parameters.b2.interval is 0.1; .*tuple'),
+        (('parameters', 'b2', 'interval'), [1, 'b'], "parameters.b2.interval.1 is 'b'; a number is expected"),
+        (('parameters', 'b2', 'value'), 'absent', 'parameters.b2.*value.*; name a file'),
+        (('parameters', 'b2'), 'absent', 'check b2; one number each is expected for P1, P2'),
+        (('level',), 'absent', 'level.*; name a file that pendubot identify wrote, unchanged'),
+        (('bags', 0, 'sha256'), 'absent', 'bags.0.*sha256.*; name a file'),
     ],
 )
-def test_an_incomplete_result_is_refused_in_one_sentence(tmp_path, path, sentence):
-    entry = data = plain()
+def test_an_invalid_or_absent_entry_is_refused_in_one_sentence(tmp_path, path, entry, sentence):
+    inner = data = plain()
     *keys, last = path
     for key in keys:
-        entry = entry[key]
-    del entry[last]
+        inner = inner[key]
+    inner[last] = entry
+    if entry == 'absent':
+        del inner[last]
     write(tmp_path / 'r.yaml', data)
-    with pytest.raises(ResultError, match=sentence):
+    with pytest.raises(ResultError, match=f'r.yaml:? .*{sentence}'):
         read_complete_result(tmp_path / 'r.yaml')
 
 
@@ -175,3 +154,25 @@ def test_reading_parameters_imports_no_large_package():
         "assert not {'scipy', 'mcap', 'rosbags'} & set(sys.modules), sorted(sys.modules)"
     )
     subprocess.run([sys.executable, '-c', code], check=True, timeout=60)
+
+
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
+
+
+@pytest.mark.parametrize(('bags', 'validate'), [(['{}'], []), (['{}@5:9'], []), (['{}@0:6', '{}@12:'], ['{}'])])
+def test_recordings_of_a_result_are_divided_as_in_the_identification(bags, validate):
+    data = load_datasets([b.format(SAMPLE) for b in bags], [v.format(SAMPLE) for v in validate])
+    again = recordings(assemble_result(identified(('weak',)), data.sources))
+    for motions, before in zip(again, (data.training, data.validation), strict=True):
+        assert [m.name for m in motions] == [m.name for m in before]
+        for motion, other in zip(motions, before, strict=True):
+            np.testing.assert_array_equal(np.column_stack([motion.t, motion.q]), np.column_stack([other.t, other.q]))
+
+
+def test_settings_of_a_result_are_read_back():
+    options = {'sliding': 0.4, 'smoothing': 0.03, 'hold': 'linear', 'delays': (-0.02, 0.01)}
+    options |= {'link_length': 0.2, 'link_mass': 0.3}
+    bounds = Bounds(np.zeros(9), np.arange(1.0, 10.0), NAMES[:9])
+    original = Settings(('weak', 'energy'), 'coulomb', 'lsq', seed=7, bounds=bounds, **options)
+    again = settings(assemble_result(replace(identified(('weak',)), settings=original), []))
+    assert repr(again) == repr(original)
