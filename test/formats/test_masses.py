@@ -1,17 +1,23 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Physical links with given parameters."""
+"""Physical links with given parameters, and the drawn robot of their lengths."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from urdf_parser_py.urdf import URDF
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.formats.masses import rig_of
+from pendubot_identification.formats.robots import drawn
 from pendubot_identification.model.parameters import BALANCE, Parameters
+from test.conftest import ROOT
 
 sizes = st.floats(1e-6, 1e2)
 
@@ -59,3 +65,22 @@ def test_parameters_near_the_limit_of_physical_ones_are_refused_or_give_positive
         else:
             assert min(rig.first.inertia, rig.second.inertia) > 0
     assert refused
+
+
+def test_the_urdf_is_one_tree_with_the_joints_of_joint_states():
+    robot = URDF.from_xml_string(drawn(0.2, 0.3).encode())
+    assert robot.get_root() == 'base_link'
+    bridge = yaml.safe_load((ROOT / 'config' / 'bridge.yaml').read_text())['/**/bridge']['ros__parameters']
+    moving = [joint.name for joint in robot.joints if joint.type != 'fixed']
+    assert moving == bridge['joint_names']
+    assert {joint.type for joint in robot.joints if joint.name in moving} == {'continuous'}
+    for link in robot.links:
+        assert robot.get_chain('base_link', link.name)
+    assert robot.check_valid() is None
+    assert [joint.origin.xyz for joint in robot.joints] == [[0, 0, 0], [0.2, 0, 0], [0.3, 0, 0]]
+
+
+@pytest.mark.parametrize('lengths', [(0.0, 1.0), (1.0, -1.0), (math.nan, 1.0), (1.0, math.inf)])
+def test_invalid_lengths_are_refused(lengths):
+    with pytest.raises(ParameterError, match='a number above 0 is expected'):
+        drawn(*lengths)
