@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The assessment of an estimate: each cause gives one warning, and a fault replaces the warnings that it explains."""
+"""The assessment of an estimate: each cause gives one warning; and the bounds by default."""
 
 from dataclasses import replace
 
@@ -11,10 +11,12 @@ import pytest
 from pendubot_identification.identification.assessment import EXCITATION, assess
 from pendubot_identification.identification.conventions import Fault
 from pendubot_identification.identification.estimate import Effort, Estimate, Zeros
+from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.prediction import HORIZONS, Prediction
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
+from pendubot_identification.model.simulation import quantised, simulate
 
 SETTINGS = Settings(('weak',), 'viscous', optimizer='lsq')
 GOOD = Estimate(
@@ -57,24 +59,25 @@ def test_a_fault_replaces_the_warning_that_it_explains(name, estimate, beginning
 
 
 def test_a_zero_inertia_gives_one_warning():
-    theta = PAPER.vector() * [1, 0, 0, 1, 1, 1, 1]
-    free = np.array([True, False, True, True, True, True, True])
-    warnings = assess(replace(GOOD, theta=theta, free=free), SETTINGS).warnings
+    zero = replace(GOOD, theta=PAPER.vector() * [1, 0, 0, 1, 1, 1, 1], free=np.arange(7) != 1)
+    warnings = assess(zero, SETTINGS).warnings
     assert [text for text in warnings if 'P2' in text or 'M(q)' in text] == ['not physical: P2 = 0 is not positive']
 
 
-def test_poorly_determined_parameters_give_one_warning():
-    ill = replace(GOOD, condition_number=1e6)
-    (text,) = assess(ill, SETTINGS).warnings
-    assert text.startswith('ill-conditioned')
-    (text,) = assess(replace(ill, std_error=PAPER.vector()), SETTINGS).warnings
-    assert text.startswith('poorly determined')
-
-
-def test_a_rig_without_gravity_gives_one_warning():
-    theta = PAPER.vector() * [1, 1, 1, 0, 0, 1, 1]
-    (text,) = assess(replace(GOOD, theta=theta, free=theta > 0), SETTINGS).warnings
-    assert text.startswith('the 95 % intervals of P4 and P5 reach 0: gravity hardly acts')
+@pytest.mark.parametrize(
+    ('changes', 'beginning'),
+    [
+        ({'condition_number': 1e6}, 'ill-conditioned'),
+        ({'condition_number': 1e6, 'std_error': PAPER.vector()}, 'poorly determined'),
+        (
+            {'theta': PAPER.vector() * [1, 1, 1, 0, 0, 1, 1], 'free': abs(np.arange(7) - 3.5) > 1},
+            'the 95 % intervals of P4 and P5 reach 0: grav',
+        ),
+    ],
+)
+def test_each_cause_gives_one_warning(changes, beginning):
+    (text,) = assess(replace(GOOD, **changes), SETTINGS).warnings
+    assert text.startswith(beginning)
 
 
 def test_a_delay_at_the_end_of_its_default_search_interval_is_an_error():
@@ -112,3 +115,43 @@ def test_advice_lists_the_worst_parameter_first_with_a_motion_that_excites_it(er
     assert list(assess(poor, SETTINGS).advice) == [
         f'the motion is little informative of {text}; to improve: {EXCITATION[text[:2]]}' for text in expected
     ]
+
+
+#: Links of 1 m, 20 and 10 kg, and of 20 cm, 100 and 50 g, with the same ratio of friction to torque.
+LARGE = Parameters(17.0, 3.3, 5.0, 20.0, 5.0, b1=2.0, b2=0.4, Fc1=6.0, Fc2=1.0)
+SMALL = Parameters(0.0034, 0.00067, 0.001, 0.02, 0.005, b1=0.0009, b2=0.0002, Fc1=0.006, Fc2=0.001)
+
+
+def motion(rig):
+    t = np.arange(1200) * 0.01
+    tau = np.repeat(np.random.default_rng(1).uniform(-1, 1, 60), 20) * 9.81 * rig.P4
+    return quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 4000)
+
+
+@pytest.fixture(scope='module')
+def large():
+    return motion(LARGE)
+
+
+def test_default_bounds_are_scaled_to_the_rig_by_powers_of_ten(large):
+    upper = default_bounds().upper
+    box = Settings().of_rig([large]).bounds
+    # The elbow has no motor, hence no friction under load; k1 has no unit, hence no scale.
+    np.testing.assert_array_equal(box.upper, [*(100 * upper[:12]), upper[12], 0.0])
+    np.testing.assert_array_equal(box.lower, np.zeros(14))
+    np.testing.assert_array_equal(Settings().of_rig([motion(SMALL)]).bounds.upper[:12], upper[:12])
+
+
+def test_given_bounds_are_kept(large):
+    given = default_bounds().replaced('P1', 0.0, 3.0).replaced('b2', 0.4, 0.4).replaced('Fc1', 0.0, 2.0)
+    box = Settings(bounds=given).of_rig([large]).bounds
+    assert dict(zip(box.names, box.upper, strict=True)).items() >= {'P1': 3.0, 'b2': 0.4, 'Fc1': 2.0}.items()
+    assert (box.lower[6], box.upper[3]) == (0.4, 500.0)
+
+
+@pytest.mark.parametrize('criterion', ['energy', 'weak'])
+def test_a_rig_beyond_the_default_bounds_is_identified(large, criterion):
+    found = identify([large], (), Settings((criterion,), 'coulomb', optimizer='mde', hold='zero', runs=2))
+    np.testing.assert_allclose(found.best.theta[:5], LARGE.vector()[:5], rtol=0.02)
+    assert not any('lies on its bound' in warning for warning in found.warnings)
+    assert criterion == 'energy' or found.level is Level.OK

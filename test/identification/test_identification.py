@@ -21,7 +21,7 @@ from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, d
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
 from test.identification.test_assessment import GOOD
-from test.identification.test_residuals import ANOTHER
+from test.identification.test_unmodelled import ANOTHER
 from test.real import recorded
 from test.virtual import C1, CHAOTIC, GEARED, STIFF, exact_motion, recording
 

@@ -1,17 +1,26 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Unmodelled effects of independently simulated rigs are reported once, and compensated if significant."""
+"""Unmodelled effects, disturbances and contradictions of recordings are reported once."""
 
 import re
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
+from pendubot_identification.identification.fitting import TrainingData, fit_composite
 from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.residuals import contradictions, disturbances, recorded_zeros
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
+from pendubot_identification.model.parameters import Parameters, default_bounds
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test import real
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig, record, true
+from test.virtual import recording
 
 RECORDINGS = 3
 SATURATED, OFFSET, LAGGING = ('saturation', 2), ('offset', 0), ('lag', 2)
@@ -94,3 +103,60 @@ def test_pushes_by_hand_are_reported_as_disturbances(identified, recordings):
         pushes = recordings[('push', 2)][int(take)].pushed
         assert any(begin < float(at) < end + 0.1 for begin, end in pushes)
     assert error < 2
+
+
+ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
+
+
+def contradicted(*recordings, model='viscous', hold='zero'):
+    """Return the messages about recordings that contradict each other."""
+    bounds = default_bounds().of({'viscous': 7, 'rotor': 10}[model])
+    return list(contradictions([Motion.prepare(each, 0.02, hold) for each in recordings], model, 0.0, bounds))
+
+
+def rough(*recordings):
+    """Return the fit of the shortest interval."""
+    data = TrainingData.prepare(recordings, Settings(model='viscous', hold='zero').of_rig(recordings))
+    return fit_composite(data, lambda *_: None, effects=False).rough
+
+
+@pytest.fixture(scope='module')
+def one_rig():
+    return [recording(500, seed=seed, name=f'take {seed}') for seed in range(3)]
+
+
+def test_recordings_of_one_rig_agree(one_rig):
+    assert contradicted(*one_rig) == contradicted(*one_rig[:2]) == contradicted(one_rig[0]) == []
+    assert list(disturbances(rough(*one_rig))) == []
+
+
+@pytest.mark.parametrize('stranger', range(3))
+def test_the_recording_of_another_rig_is_reported(one_rig, stranger):
+    recordings = list(one_rig)
+    recordings[stranger] = recording(500, seed=stranger, rig=ANOTHER, name=f'take {stranger}')
+    (message,) = contradicted(*recordings)
+    assert message.startswith(f'take {stranger} contradicts the other recordings')
+
+
+@pytest.mark.recordings
+def test_a_recording_among_recordings_of_another_real_rig_is_reported():
+    rigs = [real.recorded(rig, 'train') for rig in real.RIGS]
+    for one, other in product(rigs, rigs):
+        messages = contradicted(*one[:3], *other[3:4], model='rotor', hold='linear')
+        assert [text.split(' contradicts')[0] for text in messages] == ([] if one is other else [other[3].name])
+
+
+def test_lost_encoder_counts_are_reported_as_a_disturbance(one_rig):
+    q = one_rig[1].q.copy()
+    q[250:, 1] += 0.2
+    (message,) = disturbances(rough(one_rig[0], replace(one_rig[1], t=9 + one_rig[1].t, q=q)))
+    assert message.startswith('a disturbance: take 1 at 11.5 s')
+    assert 'encoder counts' in message
+
+
+def test_a_wrong_zero_is_attributed_to_its_recording(one_rig):
+    q = one_rig[2].q + np.radians([2.0, 0.0])
+    zeros = recorded_zeros(rough(*one_rig[:2], replace(one_rig[2], q=q)))
+    assert zeros.recordings == ('take 0', 'take 1', 'take 2')
+    np.testing.assert_allclose(np.degrees(zeros.angles), [[0, 0, 2], [0, 0, 0]], atol=0.8)
+    assert np.isfinite(zeros.std_error).all()
