@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Output to a terminal: short texts, progress bar, help, and completion."""
+"""The start and the output of the command line: few imports, no ROS, short texts, progress bar, and completion."""
 
 import fcntl
 import json
@@ -20,6 +20,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pendubot_identification import __version__
 from pendubot_identification.cli.terminal import LINES, brief
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, UNITS
@@ -123,3 +124,73 @@ def test_a_shell_completes_subcommands_options_choices_and_files(run, tmp_path):
         program = f'{script}\n{line}; _shtab_pendubot; echo ${{COMPREPLY[@]}}'
         done = subprocess.run(['bash', '-c', program], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
         assert done.stdout.split() == [expected], words
+
+
+CHILD = """
+import json, sys
+from pendubot_identification.cli.main import main
+try:
+    main(sys.argv[1:])
+except SystemExit:
+    pass
+print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})), file=sys.stderr)
+"""
+
+
+def child(*arguments, **options):
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, **options)
+
+
+def imported(*arguments):
+    return set(json.loads(child('-c', CHILD, *arguments, check=True).stderr.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'unwanted'),
+    [
+        (['identify', '--help'], {'numpy', 'mcap', 'rosbags', 'yaml', 'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
+        (['info', SAMPLE], {'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
+        (['identify', SAMPLE, *FAST], {'matplotlib', 'jinja2'}),
+    ],
+)
+def test_unneeded_modules_are_not_imported(arguments, unwanted):
+    modules = imported(*arguments)
+    assert ('numpy' in modules) == ('numpy' not in unwanted)
+    assert not modules & {*unwanted, 'rclpy'}
+
+
+def test_version_shows_whether_the_kernel_is_used():
+    command = ('-m', 'pendubot_identification.cli.main', '--version')
+    version = child(*command, env={'PENDUBOT_KERNEL': 'off'}, check=True).stdout
+    assert version == f'pendubot {__version__}, numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)\n'
+
+
+@pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('many', 0)])
+def test_the_variable_pendubot_threads_limits_the_kernel(given, threads):
+    command = ('-c', 'import pendubot_identification.kernel as kernel; print(kernel.threads)')
+    assert int(child(*command, env={**os.environ, 'PENDUBOT_THREADS': given}, check=True).stdout) == threads
+
+
+def test_the_command_line_works_without_ros_and_on_an_ascii_terminal(inputs, tmp_path):
+    """A blocker refuses to import rclpy and messages; -S omits the import hooks of wheels."""
+    blocker = tmp_path / 'without_ros.py'
+    blocker.write_text(
+        'import sys\n'
+        'class Blocker:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        "        if name.split('.')[0] in ('rclpy', 'rosidl_pycommon') or name.split('.')[0].endswith('_msgs'):\n"
+        "            raise ModuleNotFoundError(f'no module named {name!r}: there is no ROS here')\n"
+        'sys.meta_path.insert(0, Blocker())\n'
+        'from pendubot_identification.cli.main import main\n'
+        'raise SystemExit(main(sys.argv[1:]))\n'
+    )
+    env = {k: v for k, v in os.environ.items() if not k.startswith(('ROS', 'AMENT', '_ROS'))}
+    env['PYTHONPATH'] = os.pathsep.join([str(ROOT), *(p for p in sys.path if p.endswith('site-packages'))])
+    env['PYTHONIOENCODING'] = 'ascii'
+    result = child('-S', blocker, 'identify', inputs / 'swing', *FAST, '--verbose', env=env)
+    assert (result.returncode, result.stderr) == (0, '')
+    assert r'\xb1' in result.stdout, 'signs beyond ASCII must be escaped'
+    demo = child('-S', blocker, 'demo', env=env)
+    assert (demo.returncode, 'Traceback' in demo.stderr) == (1, False)
+    assert 'the demo needs ROS 2' in demo.stderr
