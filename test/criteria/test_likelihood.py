@@ -60,15 +60,6 @@ def test_slopes_agree_with_finite_differences_of_the_costs(prepared, effects, fr
     np.testing.assert_allclose(evaluation.slopes / size, np.transpose(expected) / size, rtol=2e-3, atol=2e-2)
 
 
-def test_fixed_unknowns_have_no_slope(prepared):
-    like, x, *_ = likelihood(prepared, intervals=(0.1,))
-    free = np.ones(like.size, dtype=bool)
-    free[[3, 14]] = False
-    all_free, some = like.evaluate(x, np.ones(like.size, dtype=bool)), like.evaluate(x, free)
-    assert not some.slopes[:, ~free].any()
-    np.testing.assert_allclose(some.slopes[:, free], all_free.slopes[:, free], rtol=1e-6, atol=1e-6)
-
-
 def test_the_information_of_the_noise_is_the_fisher_information(prepared):
     """For Gaussian innovations e of variance s it is the sum of de^2 / s + (ds / s)^2 / 2."""
     like, x, lower, upper = likelihood(prepared, intervals=(0.05,), freedom=math.inf)
@@ -127,15 +118,6 @@ def test_the_fit_converges_from_a_start_with_errors_of_30_percent(prepared):
     assert len(costs) == found.iterations
     assert (np.diff(costs) < 0).all()
     assert found.cost == pytest.approx(like.costs(found.x).sum() + like.prior(found.x))
-
-
-def test_a_delay_and_offsets_are_estimated():
-    late = motions(delay=0.008)
-    late = [Motion.prepare(replace(m.recorded, q=m.recorded.q + np.array([0.004, -0.006])), 0.05) for m in late]
-    found = fit(*likelihood(late, 0.9 * TRUE), iterations=60)
-    assert found.x[14] == pytest.approx(0.008, abs=2e-4)
-    np.testing.assert_allclose(found.x[15:17], [0.004, -0.006], atol=5e-4)
-    np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=3e-3)
 
 
 def test_the_intensity_of_white_torque_noise_is_estimated_at_each_interval():

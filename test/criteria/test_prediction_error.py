@@ -130,12 +130,6 @@ def test_the_prior_determines_parameters_without_information_in_the_errors(prepa
     assert refined(prepared, theta, prior, pull).theta[UNKNOWN] == pytest.approx(0.15, abs=2e-3)
 
 
-def test_a_strong_prior_is_kept(prepared):
-    theta = 1.03 * TRUE
-    found = refined(prepared, theta, np.diag(1e10 / np.maximum(TRUE, 0.01) ** 2))
-    np.testing.assert_allclose(found.theta, theta, rtol=1e-4, atol=1e-6)
-
-
 def test_bounds_are_kept(prepared):
     box = default_bounds()
     lower, upper = box.lower.copy(), box.upper.copy()
