@@ -51,6 +51,7 @@ FAILURES = {
     'simulate --output swing': 'exists already',
     'simulate --output never --parameters negative.yaml': 'friction Fc2 = -0.1 is negative',
     'repair swing --output swing --force': 'is the bag itself',
+    'reproduce --output file/out': 'cannot be written',
     'repair swing --output look': 'exists already',
 }
 #: Invalid command lines and settings files, and a part of the message.
@@ -80,8 +81,14 @@ WRONG_USAGE = {
     'compare result.yaml other.yaml other.yaml': 'other.yaml is named twice; name two or more different results',
     'excite --design --torque 1': 'add --torque [N m] and --speed [rad/s]',
     'excite --design --torque -1 --speed 5': 'limit of the torque is -1',
+    'excite --design --torque 1 --speed 0': 'limit of the speed is 0',
+    'excite --design --torque 1 --speed 5 --angle nan 1': 'limit of the angle is nan',
     'excite --design --torque 1 --speed 20 --rate 0': 'sampling rate is 0',
     'export result.yaml': 'no format was given',
+    'reproduce --runs 0': '--runs is 0; a number from 1 to 67 is expected',
+    'reproduce --runs 68': 'a number from 1 to 67',
+    'reproduce --seed -1': 'the seed is -1',
+    'reproduce --only table4,figure2': "there is no 'figure2'; name some of table4, figure1, table7",
     'import swing --output new': 'is no file with columns; a name that ends in .csv',
     'import run.csv --output new --columns q1=a,q2=a': "column 'a' stands for both q1 and q2; name one column for",
     'simulate --output never --samples 0': '0 samples at 100 Hz',

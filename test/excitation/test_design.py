@@ -88,12 +88,6 @@ def test_a_rig_with_dry_friction_and_a_rotor_gets_a_design():
     assert found.speed.max() <= 25.0
 
 
-@pytest.mark.parametrize('limits', [{'speed': 0.0}, {'angle': (-1.0, 1.0)}, {'torque': math.nan}])
-def test_a_limit_must_be_a_number_above_0(limits):
-    with pytest.raises(ParameterError, match=f'limit of the {next(iter(limits))} is'):
-        Limits(**limits)
-
-
 def test_limits_without_a_feasible_design_and_unphysical_rigs_are_refused():
     with pytest.raises(ExcitationError, match='allow a greater speed or angle'):
         design(PAPER, Limits(torque=1.0, speed=1e-3), SHORT, generations=2)

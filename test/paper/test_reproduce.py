@@ -11,7 +11,7 @@ import matplotlib
 import pytest
 
 from pendubot_identification.cli.main import main
-from pendubot_identification.paper import reproduction, trials
+from pendubot_identification.paper import trials
 
 TABLES = ('table4', 'table4_order', 'table4_pace', 'table7', 'table8', 'threshold', 'operator')
 TABLES += ('dimensions', 'dimensions_errors')
@@ -69,25 +69,6 @@ def test_the_same_seed_gives_the_same_bytes_also_for_single_parts(reproduced, tm
     other = ('--only', 'threshold', '--seed', 4, '--output', tmp_path, '--force')
     assert run('reproduce', '--runs', 2, *other)[0] == 0
     assert files(tmp_path)['tables/threshold.csv'] != again['tables/threshold.csv']
-
-
-@pytest.mark.parametrize(
-    ('arguments', 'status', 'sentence'),
-    [
-        ('--runs 0', 2, '--runs is 0; a number from 1 to 67 is expected'),
-        ('--runs 68', 2, 'a number from 1 to 67'),
-        ('--seed -1', 2, 'the seed is -1'),
-        ('--output file/out', 1, 'cannot be written'),
-        ('--only table4,figure2', 2, f"there is no 'figure2'; name some of {', '.join(reproduction.PARTS)}"),
-    ],
-)
-def test_invalid_options_are_refused_and_nothing_is_written(
-    tmp_path, monkeypatch, refused, arguments, status, sentence
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / 'file').write_text('a file')
-    assert sentence in refused('reproduce', '--output', 'out', *arguments.split(), status=status)
-    assert files(tmp_path) == {'file': b'a file'}
 
 
 def test_an_interrupt_keeps_finished_parts(tmp_path, monkeypatch, refused):
