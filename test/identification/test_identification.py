@@ -60,20 +60,6 @@ def test_default_settings_identify_the_true_parameters(default):
     assert np.degrees(np.abs(best.zeros.angles)).max() < 0.05
 
 
-@pytest.mark.parametrize(
-    ('criteria', 'evaluated', 'selected'),
-    [
-        (('energy',), ['energy'], 'energy'),
-        (('weak',), ['energy', 'weak'], 'weak'),
-        (('weak', 'energy', 'likelihood'), ['energy', 'weak', 'likelihood'], 'likelihood'),
-    ],
-)
-def test_the_most_accurate_requested_criterion_is_selected(criteria, evaluated, selected):
-    result = identify([recording(250)], [], replace(WEAK, criteria=criteria))
-    assert [e.criterion for e in result.estimates] == evaluated
-    assert result.best.criterion == selected
-
-
 def test_progress_is_reported_from_beginning_to_end(default):
     _, reports = default
     stages = ' '.join(stage for stage, *_ in reports)
