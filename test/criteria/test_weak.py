@@ -16,15 +16,10 @@ from pendubot_identification.model.parameters import MODELS, PAPER, Parameters, 
 from pendubot_identification.model.simulation import simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.real import recorded
 from test.strategies import physical_parameters
 from test.virtual import recording
 
 GEARED = (0.06, 0.05, 0.032, 0.23, 0.16, 0.005, 0.004, 0.2, 0.15, 0.0026, 0.1, 0.08, 0.1, 0.08)
-PUBLISHED = {
-    'dfki_C1_sysid': (0.0596, 0.0505, 0.0320, 0.2298, 0.1600),
-    'dfki_A0_sysid': (0.1112, 0.0235, 0.0333, 0.3491, 0.1111),
-}
 
 
 def estimate(motions, model, delay=0.0):
@@ -113,12 +108,3 @@ def test_a_motion_that_is_too_short_or_in_degrees_is_refused():
     degrees = Trajectory(short.t, np.rad2deg(np.column_stack([9 * short.t, short.t])), short.tau)
     with pytest.raises(TrajectoryError, match=r'the shoulder turns at .* in radians'):
         weak_regression(Motion.prepare(degrees, 0.02), 'viscous')
-
-
-@pytest.mark.recordings
-@pytest.mark.parametrize('rig', PUBLISHED)
-def test_real_rigs_have_about_their_published_parameters(rig):
-    motions = [Motion.prepare(t, 0.02, 'linear') for t in recorded(rig, 'train')]
-    delay = estimate_delay(motions, 'geared', default_bounds())
-    assert abs(delay) < 0.005
-    np.testing.assert_allclose(estimate(motions, 'geared', delay)[:5], PUBLISHED[rig], rtol=0.2)

@@ -19,18 +19,10 @@ from pendubot_identification.model.rollout import roll
 from pendubot_identification.report import plots
 from pendubot_identification.report.time_plot import Line, Panel, TimePlot, joined, thinned
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.identified import made
+from test.identified import made, plain
+from test.identified import result as typed
 from test.report.pictures import motion, pictures, swing
 from test.virtual import recording
-
-
-def with_values(result, **values):
-    """Return the result with changed parameter values."""
-    best = result.criteria[result.criterion]
-    changed = best.parameters | {name: replace(best.parameters[name], value=v) for name, v in values.items()}
-    return replace(
-        result, parameters=changed, criteria=result.criteria | {result.criterion: replace(best, parameters=changed)}
-    )
 
 
 def lines(picture):
@@ -88,7 +80,10 @@ def test_the_part_of_long_recordings_with_the_largest_error_is_shown():
 
 @pytest.mark.filterwarnings('error')
 def test_a_diverging_simulation_is_drawn_while_finite_and_gives_no_warning():
-    (picture,) = plots.Prepared.of(with_values(made(), b1=-10.0, b2=-10.0), [swing()[:400]], []).simulation()
+    result = plain()
+    for parameters in (result['parameters'], result['criteria'][result['criterion']]['parameters']):
+        parameters['b1']['value'] = parameters['b2']['value'] = -10.0
+    (picture,) = plots.Prepared.of(typed(result), [swing()[:400]], []).simulation()
     assert np.isnan(lines(picture)[0][1]).sum() > 10
     svg = picture.files('svg')['svg']
     assert b'inf' not in svg
@@ -131,17 +126,6 @@ def test_pieces_are_joined_by_gaps_in_ascending_time():
     assert np.isnan(y).sum() == 1
     assert len(y) <= 402
     assert joined([], [])[0].shape == (0,)
-
-
-def test_a_band_has_both_edges_on_the_page_and_in_the_static_figure():
-    t = np.arange(3.0)
-    band = Line('a', [np.full(3, 1e-5)], 'red', style='band', upper=[np.full(3, 3e-5)])
-    plot = TimePlot([Panel('a', 'kg m^2', [t], [band])])
-    (panel,) = plot.data()['panels']
-    assert panel['label'] == 'a [kg m²]'
-    assert [panel['lines'][0][key][0] for key in ('y', 'upper')] == [1e-5, 3e-5]
-    (axis,) = plot.figure().axes
-    assert len(axis.collections) == 1
 
 
 def test_the_figure_of_a_swing_up_shows_both_links_the_torque_and_its_limit(tmp_path):

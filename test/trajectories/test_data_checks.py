@@ -24,18 +24,12 @@ def test_a_good_recording_has_no_warnings(interval):
     assert data_checks([recording(int(9 / interval), interval)]) == []
 
 
-def test_an_effort_at_its_limit_is_reported():
-    motion = recording()
-    cut = replace(motion, tau=np.clip(motion.tau, -0.3, 0.3))
-    (sentence,) = data_checks([cut])
-    assert 'the effort of the shoulder is at its maximum of 0.3 N m in 62 % of' in sentence
-
-
-def test_clipped_angles_are_reported_at_both_ends():
-    motion = recording()
-    q = motion.q.copy()
-    q[:, 1] = np.clip(q[:, 1], -0.4, 0.4)
-    greatest, least = data_checks([replace(motion, q=q)])
+def test_clipped_efforts_and_angles_are_reported():
+    motion, (low, high) = recording(), ([-9.0, -0.4], [9.0, 0.4])
+    effort, greatest, least = data_checks(
+        [replace(motion, q=np.clip(motion.q, low, high), tau=np.clip(motion.tau, -0.3, 0.3))]
+    )
+    assert 'the effort of the shoulder is at its maximum of 0.3 N m in 62 % of' in effort
     assert 'the elbow stops abruptly at its greatest position of 0.4 rad' in greatest
     assert 'the elbow stops abruptly at its least position of -0.4 rad' in least
 
