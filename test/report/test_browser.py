@@ -258,6 +258,15 @@ def test_the_equations_of_the_page_agree_with_python(opened):
         np.testing.assert_allclose(found, exact, rtol=1e-9)
 
 
+def test_the_simulation_of_the_page_agrees_with_python(opened):
+    rng = np.random.default_rng(6)
+    theta, x, tau = made().theta.vector(), rng.normal(size=4), 0.05 * rng.normal(size=(2, 400))
+    call, parts = '([p, x, tau, h, parts]) => pendubot.simulate(p, x, tau, h, parts)', 3
+    found = opened().evaluate(call, [theta.tolist(), x.tolist(), tau.tolist(), STEP, parts])
+    fine = roll(theta, x[:, None], np.repeat(tau, parts, axis=1)[:, :, None], STEP / parts)
+    np.testing.assert_allclose(found, fine[::parts, :, 0], rtol=1e-9, atol=1e-9)
+
+
 def expected_fit(page, theta):
     """Return the fit of the shown part by Python, with its restarts."""
     live = json.loads(page.locator('#content').text_content())['plots']['simulation']['live']
