@@ -58,15 +58,16 @@ def test_derivatives_agree_with_finite_differences_of_the_errors(prepared):
         np.testing.assert_allclose(found[:, :, k], expected, rtol=1e-4, atol=1e-5 * abs(expected).max() + 1e-6)
 
 
-def test_simulations_lie_within_their_recordings(prepared):
+@pytest.mark.parametrize(('delay', 'before', 'behind'), [(0.01, 0.01, 0.0), (-0.06, 0.0, 0.06), (0.0, 0.0, 0.0)])
+def test_simulations_lie_within_their_recordings(prepared, delay, before, behind):
     parts = [prepared[0], prepared[1].part(1.0, 1.3), prepared[2].part(2.0, 4.0)]
-    simulations = Simulations.of(parts, TRUE, 0.01, np.zeros(2), HORIZONS, STRIDE)
+    simulations = Simulations.of(parts, TRUE, delay, np.zeros(2), HORIZONS, STRIDE)
     assert set(simulations.recording) == {0, 2}
     for number in (0, 2):
         t = simulations.t[simulations.recording == number]
-        assert t[0] == pytest.approx(parts[number].start + 0.01)
-        assert t[-1] + 0.5 <= parts[number].end
-        assert t[-1] + 0.5 + STRIDE >= parts[number].end - 1e-9
+        assert t[0] == pytest.approx(parts[number].start + before)
+        assert t[-1] + 0.5 + behind <= parts[number].end
+        assert t[-1] + 0.5 + behind + STRIDE >= parts[number].end - 1e-9
         np.testing.assert_allclose(np.diff(t), STRIDE)
 
 

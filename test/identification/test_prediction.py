@@ -3,8 +3,6 @@
 
 """Prediction errors, compared with an independent computation."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -76,19 +74,6 @@ def test_horizons_longer_than_the_motion_have_no_prediction_error(duration):
     np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
     np.testing.assert_array_equal(np.isnan(prediction.still).any(axis=1), longer)
     np.testing.assert_array_equal(prediction.starts == 0, longer)
-
-
-@pytest.mark.parametrize('delay', [0.0, -0.0041, 0.05])
-def test_predictions_use_no_state_outside_the_recording(delay):
-    motion, times = exact_motion(vector('viscous'), 300, 0.01, strength=0.2), []
-
-    def smoothed(t, derivative=0):
-        times.append(t)
-        return motion.smoothed(t, derivative)
-
-    predict([replace(motion, smoothed=smoothed)], vector('viscous'), delay, SCALE)
-    assert min(map(np.min, times)) >= motion.start - 2e-4
-    assert max(map(np.max, times)) <= motion.end + 2e-4
 
 
 @pytest.mark.filterwarnings('error')
