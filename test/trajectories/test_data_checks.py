@@ -34,14 +34,6 @@ def test_clipped_efforts_and_angles_are_reported():
     assert 'the elbow stops abruptly at its least position of -0.4 rad' in least
 
 
-def test_missing_samples_are_counted():
-    motion = recording()
-    few = motion[np.random.default_rng(1).random(900) > 0.2]
-    (sentence,) = data_checks([few])
-    assert 'samples are missing' in sentence
-    assert abs(int(sentence.split('about ')[1].split()[0]) - (900 - len(few))) <= 2, 'except at the ends'
-
-
 def jittering(rate, size, *, true):
     """Return a recording with uniform timestamp jitter +- size [s]; if ``true``, the sampling jitters as the stamps."""
     motion = recording(int(6 * rate), 1 / rate, seed=3)
