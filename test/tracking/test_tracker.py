@@ -274,7 +274,7 @@ def test_parameters_are_kept_and_intervals_widen_at_rest(rigs):
     assert (now.std_error[5:] < 2 * now.theta[5:]).all()
     assert now.level is Level.WARN
     assert 'nothing has moved for 35' in now.warnings[0]
-    after = rigs['nothing'][6000:]
+    after = rigs['nothing'][6000:].copy()
     after[:, 0] += 3600
     list(tracker.feed(after))
     assert coverage([tracker.state], Day()).mean() > 0.7
