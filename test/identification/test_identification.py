@@ -305,7 +305,7 @@ def test_no_unphysical_or_badly_predicting_result_has_the_level_ok(factors, erro
     prediction = Prediction(size, np.ones_like(size), np.full(len(HORIZONS), 9))
     estimate = replace(GOOD, theta=theta, prediction=prediction)
     bounds = replace(default_bounds(), lower=np.full(14, -10.0))
-    assessed = assess(estimate, replace(WEAK, bounds=bounds), (np.nan, np.nan), [])
+    assessed = assess(estimate, replace(WEAK, bounds=bounds))
     unphysical = bool(Parameters.from_vector(theta).unphysical())
     worse = max(errors[:3]) > 1
     assert assessed.level is (Level.ERROR if unphysical or worse else assessed.level)
