@@ -9,9 +9,10 @@ A second table compares the prediction errors of identified parameters in MuJoCo
 import importlib
 import tempfile
 
+import mujoco
 import numpy as np
 
-from benchmarks.markdown import head, line
+from benchmarks.markdown import table
 from pendubot_identification import read
 from pendubot_identification.criteria import prediction_error
 from pendubot_identification.criteria.prediction_error import Simulations
@@ -89,24 +90,28 @@ class Drake(Engine):
 
 def predictions(recording):
     """Return the prediction errors of a recording's second half by its first one, here and in MuJoCo."""
-    engine = importlib.import_module('mujoco')
     halves = recording[: len(recording) // 2], recording[len(recording) // 2 :]
     found = identify(halves[:1], halves[1:])
     best = found.best
     training, validation = (Motion.prepare(half, found.smoothing, best.effort.hold) for half in halves)
     simulations = Simulations.of([validation], best.theta, best.effort.delay, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
-    model = engine.MjModel.from_xml_string(mjcf(rig_of(Parameters.from_vector(best.theta))))
-    data, states = engine.MjData(model), np.empty((max(simulations.at) + 1, 4, len(simulations.t)))
-    model.opt.timestep = prediction_error.STEP / simulations.substeps / 2
+    model = mujoco.MjModel.from_xml_string(mjcf(rig_of(Parameters.from_vector(best.theta))))
+    return best.prediction.error[:ASSESSED], errors_in_mujoco(model, simulations, state_scale([training]), 2)
+
+
+def errors_in_mujoco(model, simulations, scale, substeps=1):
+    """Return the RMS prediction error of a MuJoCo model at every horizon, divided by the scale of the states."""
+    data, states = mujoco.MjData(model), np.empty((max(simulations.at) + 1, 4, len(simulations.t)))
+    model.opt.timestep = prediction_error.STEP / simulations.substeps / substeps
     for lane, start in enumerate(simulations.start.T):
-        engine.mj_resetData(model, data)
+        mujoco.mj_resetData(model, data)
         data.qpos, data.qvel = start[:2], start[2:]
         for k, tau in enumerate(simulations.tau[:, :, lane].T, 1):
             data.qfrc_applied = tau
-            engine.mj_step(model, data, 2)
+            mujoco.mj_step(model, data, substeps)
             states[k, :, lane] = [*data.qpos, *data.qvel]
-    errors = (states[list(simulations.at)] - simulations.end) / state_scale([training])[:, None]
-    return best.prediction.error[:ASSESSED], np.sqrt((errors**2).mean(axis=(1, 2)))
+    errors = (states[list(simulations.at)] - simulations.end) / scale[:, None]
+    return np.sqrt((errors**2).mean(axis=(1, 2)))
 
 
 CASES = [
@@ -119,10 +124,11 @@ CASES = [
 
 
 if __name__ == '__main__':
-    print(head('engine', 'file', 'model', 'mass matrix', 'bias', 'states of 1 s'))
-    for engine, write, model in CASES:
-        errors = (f'{error:.0e}' for error in compared(engine, write, model, 100))
-        print(line(engine.__name__, write.__name__, model, *errors))
-    print('\n' + head('recording', 'error here', 'in MuJoCo'))
-    for motion in (read('bags/paper_experiment'), *(recorded(rig, 'train')[0] for rig in RIGS)):
-        print(line(motion.name, *(' / '.join(f'{error:.4f}' for error in each) for each in predictions(motion))))
+    differences = (
+        (engine.__name__, write.__name__, model, *(f'{e:.0e}' for e in compared(engine, write, model, 100)))
+        for engine, write, model in CASES
+    )
+    table(('engine', 'file', 'model', 'mass matrix', 'bias', 'states of 1 s'), differences)
+    motions = read('bags/paper_experiment'), *(recorded(rig, 'train')[0] for rig in RIGS)
+    errors = ((m.name, *(' / '.join(f'{e:.4f}' for e in each) for each in predictions(m))) for m in motions)
+    table(('recording', 'error here', 'in MuJoCo'), errors)

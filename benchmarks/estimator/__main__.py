@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Measure the estimator, and print Markdown tables.
+"""Measure the estimator, and print a Markdown table.
 
     python -m benchmarks.estimator real [--test]           shared recordings: each left out, and every split in halves
     python -m benchmarks.estimator single                  each shared recording alone, against the rig's others
@@ -17,42 +17,41 @@ within the root sum of squares of both 95 % half-widths. Effects: the compensate
 
 import os
 
-# Before numpy is imported: each process uses one thread.
-os.environ['OMP_NUM_THREADS'] = os.environ['OPENBLAS_NUM_THREADS'] = os.environ['PENDUBOT_THREADS'] = '1'
+os.environ['OPENBLAS_NUM_THREADS'] = '1'  # before numpy: the matrices are small
 
 import argparse
 import sys
-from concurrent.futures import ProcessPoolExecutor
 
+from benchmarks.markdown import table
 from test.simulated_rig import CATALOGUE, UNKNOWN
 
 from . import measurements
-from .tables import TABLES, markdown
+from .tables import compared, scored
 
 
 def main():
     """Measure, and print the table."""
+    tables = {
+        'real': (scored, lambda: measurements.real(args.test)),
+        'single': (compared, measurements.single),
+        'clean': (compared, lambda: measurements.clean(args.seeds)),
+        'effects': (compared, lambda: measurements.imperfect(CATALOGUE, args.seeds, args.strengths)),
+        'unknown': (compared, lambda: measurements.imperfect(UNKNOWN, args.seeds, args.strengths)),
+        'pushes': (scored, lambda: measurements.pushed(args.seeds)),
+    }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('table', choices=TABLES)
+    parser.add_argument('table', choices=tables)
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--strengths', nargs='+', default=measurements.STRENGTHS, choices=measurements.STRENGTHS)
     parser.add_argument('--test', action='store_true', help='of real: fit all train recordings, score the test ones')
-    parser.add_argument('--processes', type=int, default=1)
     args = parser.parse_args()
-    jobs = {
-        'real': lambda: measurements.real(args.test),
-        'single': measurements.single,
-        'clean': lambda: measurements.clean(args.seeds),
-        'effects': lambda: measurements.imperfect(CATALOGUE, args.seeds, args.strengths),
-        'unknown': lambda: measurements.imperfect(UNKNOWN, args.seeds, args.strengths),
-        'pushes': lambda: measurements.pushed(args.seeds),
-    }
+    rows, measured = tables[args.table]
     outcomes = []
-    with ProcessPoolExecutor(args.processes) as pool:
-        for result in pool.map(measurements.call, jobs[args.table]()):
-            outcomes.append(result)
-            print(len(outcomes), *[value for value in result.values() if isinstance(value, str | int)], file=sys.stderr)
-    print(markdown(args.table, outcomes))
+    for outcome in measured():
+        outcomes.append(outcome)
+        print(len(outcomes), *[value for value in outcome.values() if isinstance(value, str | int)], file=sys.stderr)
+    names, *cells = rows(outcomes)
+    table(names, cells)
 
 
 if __name__ == '__main__':

@@ -1,9 +1,8 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The fits for each table: generators of jobs; each job returns the outcome of one fit."""
+"""The fits for each table: generators of their outcomes."""
 
-from functools import partial
 from itertools import combinations, product
 
 import numpy as np
@@ -28,10 +27,6 @@ RUBBING = {
     'rub': Rig(rub=0.5, pushes=2),
     'stribeck and rub': Rig(stribeck=1.0, rub=0.5, pushes=4),
 }
-
-
-def call(job):
-    return job()
 
 
 def fit(training, *, truth=None, scored=(), bare=False, **key):
@@ -66,16 +61,16 @@ def errors(theta, truth):
 
 
 def real(test=False):
-    """Yield the jobs of shared recordings: each left out, every split in halves; or train against test alone."""
+    """Yield the outcomes of shared recordings: each left out, every split in halves; or train against test alone."""
     for rig in RIGS:
         train = recorded(rig, 'train')
         if test:
             other = recorded(rig, 'test')
-            yield partial(fit, train, scored=other, group=rig, kind='test', pair=0)
-            yield partial(fit, other, scored=train, group=rig, kind='test', pair=0)
+            yield fit(train, scored=other, group=rig, kind='test', pair=0)
+            yield fit(other, scored=train, group=rig, kind='test', pair=0)
             continue
         for k, motion in enumerate(train):
-            yield partial(fit, train[:k] + train[k + 1 :], scored=[motion], group=rig, kind='left out', pair=None)
+            yield fit(train[:k] + train[k + 1 :], scored=[motion], group=rig, kind='left out', pair=None)
         # Each split once; with an odd number, training on the smaller part.
         halves = list(combinations(range(len(train)), len(train) // 2))
         for pair, half in enumerate(halves if len(train) % 2 else halves[: len(halves) // 2]):
@@ -83,24 +78,20 @@ def real(test=False):
 
 
 def single():
-    """Yield the jobs of single recordings, compared with the parameters of all other recordings of the rig."""
+    """Yield the outcomes of single recordings, with the estimate from all others of the rig as the truth."""
     for rig in RIGS:
         train = recorded(rig, 'train')
-        for k in range(len(train)):
-            yield partial(against, train[k], train[:k] + train[k + 1 :], rig=rig)
-
-
-def against(motion, others, **key):
-    """Identify one recording, with the estimate from others as the truth."""
-    return fit([motion], truth=dict(zip(NAMES[:5], identify(others).best.theta, strict=False)), **key)
+        for k, motion in enumerate(train):
+            others = identify(train[:k] + train[k + 1 :]).best.theta
+            yield fit([motion], truth=dict(zip(NAMES[:5], others, strict=False)), rig=rig)
 
 
 def both(recordings, half, **key):
-    """Yield the jobs of each half, scored on the other."""
+    """Yield the outcomes of each half, scored on the other."""
     one = [recordings[k] for k in half]
     other = [recordings[k] for k in range(len(recordings)) if k not in half]
-    yield partial(fit, one, scored=other, **key)
-    yield partial(fit, other, scored=one, **key)
+    yield fit(one, scored=other, **key)
+    yield fit(other, scored=one, **key)
 
 
 def simulated(rigs, seeds, number=RECORDINGS, **how):
@@ -114,25 +105,24 @@ def simulated(rigs, seeds, number=RECORDINGS, **how):
 
 
 def clean(seeds):
-    """Yield the jobs of rigs without effects: by size, rate, counts a turn and number of recordings of 10 s."""
+    """Yield the outcomes of rigs without effects: by size, rate, counts a turn and number of recordings of 10 s."""
     for rate, count in product((33, 200, 1000), (500, 4096)):
         for size, seed, motions in simulated(SIZES, seeds, rate=rate, counts=count):
             for number in (1, 3):
                 key = {'size': size, 'rate': rate, 'counts': count, 'number': number, 'seed': seed}
-                yield partial(fit, motions[:number], truth=true(SIZES[size]), **key)
+                yield fit(motions[:number], truth=true(SIZES[size]), **key)
 
 
 def imperfect(effects, seeds, strengths):
-    """Yield the jobs of rigs with each effect: three recordings of 10 s at 200 Hz and 4096 counts a turn."""
+    """Yield the outcomes of rigs with each effect: three recordings of 10 s at 200 Hz and 4096 counts a turn."""
     known = CATALOGUE | UNKNOWN
     rigs = {(name, how): known[name][STRENGTHS.index(how)] for name in effects for how in strengths}
     for (name, how), seed, motions in simulated(rigs, seeds):
         truth = true(rigs[name, how])
-        yield partial(fit, motions, truth=truth, bare=name in CATALOGUE, effect=name, strength=how, seed=seed)
+        yield fit(motions, truth=truth, bare=name in CATALOGUE, effect=name, strength=how, seed=seed)
 
 
 def pushed(seeds):
-    """Yield the jobs of rigs with unmodelled friction and pushes: the halves of six recordings."""
+    """Yield the outcomes of rigs with unmodelled friction and pushes: the halves of six recordings."""
     for name, seed, motions in simulated(RUBBING, seeds, 2 * RECORDINGS):
-        truth = true(RUBBING[name])
-        yield from both(motions, range(RECORDINGS), group=name, kind='halves', pair=seed, truth=truth)
+        yield from both(motions, range(RECORDINGS), group=name, kind='halves', pair=seed)

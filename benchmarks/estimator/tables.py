@@ -8,8 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.markdown import head, line
-
 PHYSICAL, FRICTION = ('P1', 'P2', 'P3', 'P4', 'P5'), ('b1', 'b2', 'Fc1', 'Fc2')
 LEVELS = ('OK', 'WARN', 'ERROR', 'refused')
 
@@ -47,7 +45,7 @@ def grouped(found, *by):
 
 def scored(found):
     """Yield a row for each rig and kind of fit."""
-    errors = ('error .1 / .25 / .5 s', 'dP [%]: mean, worst', 'inside', 'half-width [%]', 'error of P1 to P5 [%]')
+    errors = ('error .1 / .25 / .5 s', 'dP [%]: mean, worst', 'inside', 'half-width [%]')
     yield 'rig', 'fits', 'n', *errors, '/'.join(LEVELS), 'effects'
     for (rig, kind), some in grouped(found, 'group', 'kind').items():
         known = [r for r in some if 'theta' in r]
@@ -63,7 +61,7 @@ def scored(found):
             *(rig, kind, str(len(some)), ' / '.join(f'{e:.4f}' for e in errors)),
             f'{np.mean(apart):.2f}, {np.max(apart):.1f}' if apart else '',
             f'{np.sum(inside)} of {np.size(inside)}' if apart else '',
-            *(f'{100 * (width / abs(theta)).mean():.2g}', largest(some), levels(some), effects(some)),
+            *(f'{100 * (width / abs(theta)).mean():.2g}', levels(some), effects(some)),
         )
 
 
@@ -91,19 +89,3 @@ def is_right(effect, name):
     """Return whether a detected effect is the effect of the simulated rig."""
     kind = effect.split(',')[0].lower()
     return name.lower().replace('_', ' ') in (kind, 'friction' if kind in ('stribeck', 'width') else kind)
-
-
-TABLES = {
-    'real': scored,
-    'single': compared,
-    'pushes': scored,
-    'clean': compared,
-    'effects': compared,
-    'unknown': compared,
-}
-
-
-def markdown(command, found):
-    """Return the table of a command for a list of outcomes."""
-    names, *rows = TABLES[command](found)
-    return '\n'.join([head(*names), *(line(*row) for row in rows)])

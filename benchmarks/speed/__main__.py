@@ -22,18 +22,16 @@ PARTS = {'optimisers': optimisers.full_budget, 'hour': bags.hour}
 def main():
     """Print tables."""
     parser = argparse.ArgumentParser(prog='python -m benchmarks.speed', description=__doc__.split('\n\n')[0])
-    parser.add_argument('parts', nargs='*', metavar='NAME', help=f'of {", ".join(PARTS)} (default: all)')
+    parser.add_argument('parts', nargs='*', default='all', choices=['all', *PARTS])
     parser.add_argument('--cpu', action='store_true', help='measure processor time, on a machine that others use too')
     args = parser.parse_args()
-    if unknown := set(args.parts) - set(PARTS):
-        parser.error(f'there is no part {", ".join(unknown)}; the parts are {", ".join(PARTS)}')
     if kernel.library() is None:
         parser.error(f'there is no compiled kernel to compare with ({kernel.description()}); install a C compiler')
     measure.clock = measure.cpu if args.cpu else measure.wall
-    where = measure.machine() + (', processor time' if args.cpu else '')
-    print(where, flush=True)
-    for name in args.parts or PARTS:
-        print(f'\n{name}\n\n{PARTS[name]()}', flush=True)
+    print(measure.machine() + (', processor time' if args.cpu else ''), flush=True)
+    for name in PARTS:
+        if name in args.parts or 'all' in args.parts:
+            PARTS[name]()
 
 
 if __name__ == '__main__':

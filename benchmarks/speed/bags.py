@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.markdown import head, line
+from benchmarks.markdown import table
 from benchmarks.speed import measure
 from benchmarks.speed.measure import REPETITIONS, seconds
 from pendubot_identification.recordings.bag_writer import BagWriter
@@ -88,7 +88,10 @@ def measured(program, *arguments):
 
 
 def hour():
-    rows = [head('part', 'time', 'memory', 'rosbags, the same', 'ratio')]
+    table(('part', 'time', 'memory', 'rosbags, the same', 'ratio'), windows())
+
+
+def windows():
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, 'hour')
         write(bag, SECONDS * RATE)
@@ -96,6 +99,4 @@ def hour():
         for part, window in (('10 s from the middle', (SECONDS / 2, SECONDS / 2 + 10)), ('all of it', ())):
             spent, memory, read = measured(OURS, bag, *window)
             same = theirs / count * read
-            figures = seconds(spent), f'{memory:.0f} MB', seconds(same), f'{same / spent:.3g}'
-            rows.append(line(f'{part}, {read} messages', *figures))
-    return '\n'.join(rows)
+            yield f'{part}, {read} messages', seconds(spent), f'{memory:.0f} MB', seconds(same), f'{same / spent:.3g}'

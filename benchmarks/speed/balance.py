@@ -18,6 +18,7 @@ os.environ['OPENBLAS_NUM_THREADS'] = '1'  # before numpy: the matrices are small
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 import argparse
+import itertools
 import math
 import tempfile
 import time
@@ -26,17 +27,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.markdown import head, line
+from benchmarks.markdown import table
 from pendubot_identification.control.controller import UPRIGHT, Controller
 from pendubot_identification.control.linear_control import Design, Loop, margins
 from pendubot_identification.control.plan import HELD, deviation, simulate_closed_loop
-from pendubot_identification.errors import ControlError
-from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import BALANCE, Parameters
-from pendubot_identification.model.simulation import HANGING, LatePlant, quantised
-from pendubot_identification.trajectories.trajectory import Trajectory
+from pendubot_identification.model.simulation import HANGING, LatePlant
+from test.virtual import recording
 
 LAG, LIMIT, TIME = 0.004, 2.0, 10.0
 #: Start angles, largest deviation of each angle from them [rad], and latest time at which the rig is held [s].
@@ -46,30 +45,29 @@ SOURCES = ('truth', 'likelihood', 'weak', 'energy', 'energy over 0.5 s')
 
 
 class Known(NamedTuple):
-    """The controller's parameters and input delay [s] of the rig."""
+    """The controller's parameters and input delay [s] of the rig, and the level of their identification."""
 
     parameters: Parameters
     lag: float
+    level: str = ''
 
 
 class Trial(NamedTuple):
-    """The outcome of one start: time until held [s], RMS of the worse angle [rad] and of the torque, its peak [N m]."""
+    """The outcome of one start: time until held [s], and RMS of the worse angle [rad] and of the torque [N m]."""
 
     held: float
     angle: float
     torque: float
-    peak: float
 
 
 def assessed(t, q, tau, begin):
     """Return the outcome of a trial from its samples after arming."""
     wrong = (deviation(q) > HELD) & (t <= begin + TIME)
     first = int(np.flatnonzero(wrong)[-1]) + 1 if wrong.any() else 0
-    peak = float(abs(tau).max())
     if first >= len(t) or t[first] > begin or t[-1] - t[first] < TIME - 0.01:
-        return Trial(math.inf, math.nan, math.nan, peak)
+        return Trial(math.inf, math.nan, math.nan)
     quiet = (t >= t[first] + 1) & (t <= t[first] + TIME)
-    return Trial(float(t[first]), *(float(np.sqrt((x[quiet] ** 2).mean())) for x in (deviation(q), tau)), peak)
+    return Trial(float(t[first]), *(float(np.sqrt((x[quiet] ** 2).mean())) for x in (deviation(q), tau)))
 
 
 def simulated(known, rate, start, seed):
@@ -121,59 +119,43 @@ def live_trials(known, rate, start, seeds):
 
 def identified():
     """Identify the rig from quantized angles under the exciter's pulses of 2 N m, by every criterion."""
-    t, train = np.arange(1800) * 0.01, PulseTrain(amplitude_min=-2, amplitude_max=2)
-    rig, states, tau = LatePlant(BALANCE, LAG), [], np.array([[train.torque(x), 0.0] for x in t])
-    for torque in tau:
-        states.append(rig.q)
-        rig.advance((torque[0], 0.0), 0.01)
-    motion = quantised(Trajectory(t, np.array(states), tau), 4000)
+    motion = recording(1800, rig=BALANCE, delay=LAG, strength=LIMIT)
     ways = {
         '': {'criteria': ('energy', 'weak', 'likelihood')},
         ' over 0.5 s': {'criteria': ('energy',), 'sliding': 0.5},
     }
     return {
-        e.criterion + way: (Known(Parameters.from_vector(e.theta), max(0.0, e.effort.delay)), e.level.name)
+        e.criterion + way: Known(Parameters.from_vector(e.theta), max(0.0, e.effort.delay), e.level.name)
         for way, chosen in ways.items()
         for e in identify([motion[:900]], [motion[900:]], Settings(model='viscous', hold='zero', **chosen)).estimates
     }
 
 
-def compare(options):
-    sources = {'truth': (Known(BALANCE, LAG), '')}
-    if set(options.sources) - {'truth'}:
-        sources |= identified()
-    print('\n' + head('parameters', 'level', 'largest error', 'delay found'))
-    for source in options.sources:
-        known, level = sources[source]
+def errors_of(sources):
+    for source, known in sources.items():
         error = np.abs(known.parameters.vector() / BALANCE.vector() - 1)[:5].max()
-        print(line(source, level, f'{100 * error:.1f} % of P1 to P5', f'{1e3 * known.lag:.2f} ms'))
-    how, figures = 'live' if options.live else 'simulated', ('after', 'RMS angle', 'RMS torque', 'peak torque')
-    print('\n' + head(f'{how}: parameters', 'rate', 'start', 'held', *figures))
-    for source in options.sources:
-        known, _ = sources[source]
-        for rate in options.rates:
-            for start in STARTS:
-                try:
-                    if options.live:
-                        trials = list(live_trials(known, rate, start, options.seeds))
-                    else:
-                        trials = [simulated(known, rate, start, seed) for seed in range(options.seeds)]
-                except ControlError as error:
-                    print(line(source, f'{rate} Hz', start, error, '', '', '', ''), flush=True)
-                    continue
-                good = [x for x in trials if math.isfinite(x.held)]
-                held, angle, torque, _ = np.median(good or [[math.nan] * 4], axis=0)
-                peak = max(x.peak for x in trials)
-                cells = f'{held:.1f} s', f'{1e3 * angle:.1f} mrad', f'{torque:.3f} N m', f'{peak:.3f} N m'
-                print(line(source, f'{rate} Hz', start, f'{len(good)} of {len(trials)}', *cells))
+        yield source, known.level, f'{100 * error:.1f} % of P1 to P5', f'{1e3 * known.lag:.2f} ms'
 
 
-def print_margins(rates):
-    print('\n' + head('rate', 'gain', 'phase', 'delay'))
+def held(sources, options):
+    for (source, known), rate, start in itertools.product(sources.items(), options.rates, STARTS):
+        if known.level == 'ERROR':  # the balancer refuses them
+            continue
+        if options.live:
+            trials = list(live_trials(known, rate, start, options.seeds))
+        else:
+            trials = [simulated(known, rate, start, seed) for seed in range(options.seeds)]
+        good = [x for x in trials if math.isfinite(x.held)]
+        after, angle, torque = np.median(good or [[math.nan] * 3], axis=0)
+        figures = f'{after:.1f} s', f'{1e3 * angle:.1f} mrad', f'{torque:.3f} N m'
+        yield source, f'{rate} Hz', start, f'{len(good)} of {len(trials)}', *figures
+
+
+def margins_at(rates):
     for rate in rates:
         m = margins(Design.make(BALANCE, Loop(1 / rate, LAG, LIMIT)))
         gain, phase = f'{m.gain_down:.2f} to {m.gain_up:.2f}', f'{math.degrees(m.phase):.0f} degrees'
-        print(line(f'{rate} Hz', gain, phase, f'{1e3 * m.delay:.1f} ms'))
+        yield f'{rate} Hz', gain, phase, f'{1e3 * m.delay:.1f} ms'
 
 
 def main():
@@ -190,9 +172,15 @@ def main():
 
         take_domain()
         rclpy.init()
-    compare(options)
+    known = {'truth': Known(BALANCE, LAG)}
+    if set(options.sources) - {'truth'}:
+        known |= identified()
+    sources = {name: known[name] for name in options.sources}
+    table(('parameters', 'level', 'largest error', 'delay found'), errors_of(sources))
+    how, figures = 'live' if options.live else 'simulated', ('after', 'RMS angle', 'RMS torque')
+    table((f'{how}: parameters', 'rate', 'start', 'held', *figures), held(sources, options))
     if not options.live:
-        print_margins(options.rates)
+        table(('rate', 'gain', 'phase', 'delay'), margins_at(options.rates))
 
 
 if __name__ == '__main__':

@@ -13,7 +13,6 @@ import time
 import numpy as np
 import scipy
 
-from benchmarks.markdown import head, line
 from pendubot_identification import kernel
 
 REPETITIONS = 5
@@ -34,10 +33,10 @@ def cpu():
 clock = wall
 
 
-def interleaved(works, repetitions=REPETITIONS):
+def interleaved(works):
     """Return, by name, the median seconds of each of the works, a dict of callables that are run in turn."""
     spent = {name: [] for name in works}
-    for _ in range(repetitions):
+    for _ in range(REPETITIONS):
         for name, work in works.items():
             begin = clock()
             work()
@@ -72,12 +71,3 @@ def seconds(value):
         if value * factor >= 1:
             return f'{value * factor:.3g} {unit}'
     return f'{value * 1e6:.3g} µs'
-
-
-def table(spent, ours):
-    """Return the rows of a table: a work, its time, and the ratio to each of our times."""
-    rows = [head('', 'time', *(f'over {name}' for name in ours))]
-    for name, value in spent.items():
-        ratios = ('' if name in ours else f'{value / spent[other]:.3g}' for other in ours)
-        rows.append(line(name, seconds(value), *ratios))
-    return '\n'.join(rows)

@@ -6,7 +6,8 @@
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from benchmarks.speed.measure import interleaved, on, table
+from benchmarks.markdown import table
+from benchmarks.speed.measure import interleaved, on, seconds
 from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.model.parameters import coupling_excess, default_bounds
@@ -39,9 +40,9 @@ def by_blas(criterion):
     return value
 
 
-def mde(objective, bounds, population=POPULATION, runs=RUNS, **settings):
-    chosen = MDESettings(population, **{'generations': GENERATIONS, **settings})
-    return lambda: optimizer.mde(objective, bounds, chosen, runs=runs)
+def mde(objective, bounds, **settings):
+    chosen = MDESettings(POPULATION, GENERATIONS, **settings)
+    return lambda: optimizer.mde(objective, bounds, chosen, runs=RUNS)
 
 
 def scipys(value, bounds):
@@ -108,4 +109,6 @@ def full_budget():
     criterion, bounds = energy_criterion(), default_bounds().of(7)
     works = peers(criterion, bounds)
     works['exact bounded least squares (no MDE at all)'] = lambda: criterion.minimum(bounds)
-    return table(interleaved(works), ('kernel', 'numpy'))
+    spent, ours = interleaved(works), ('kernel', 'numpy')
+    ratios = {name: ('' if name in ours else f'{spent[name] / spent[other]:.3g}' for other in ours) for name in spent}
+    table(('', 'time', *(f'over {name}' for name in ours)), ((n, seconds(spent[n]), *ratios[n]) for n in spent))

@@ -23,26 +23,24 @@ from mujoco import sysid
 from scipy.signal import savgol_filter
 
 import pendubot_identification as pendubot
-from benchmarks.markdown import head, line
+from benchmarks.exports import errors_in_mujoco
+from benchmarks.markdown import table
 from benchmarks.speed import measure
-from pendubot_identification.criteria.prediction_error import STEP as OURS
 from pendubot_identification.criteria.prediction_error import Simulations
 from pendubot_identification.formats.masses import rig_of
 from pendubot_identification.formats.robots import mjcf
 from pendubot_identification.identification.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
-from pendubot_identification.model.parameters import NAMES, PAPER
+from pendubot_identification.model.parameters import NAMES, PAPER, Parameters
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped
 from test.real import recorded
+from test.virtual import C1
 
-#: P1 P2 P3 P4 P5 b1 b2 Fc1 Fc2 J2, from the README beside the recordings.
+#: Initial guesses: the published parameters, from the README beside the recordings.
 PUBLISHED = {
-    'dfki_C1_sysid': np.array([0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.251, 0.188, 0.0026]),
-    'dfki_A0_sysid': np.array([0.1112, 0.0235, 0.0333, 0.3491, 0.1111, 0.001, 0.001, 0.146, 0.123, 0.0032]),
+    'dfki_C1_sysid': C1,
+    'dfki_A0_sysid': Parameters(0.1112, 0.0235, 0.0333, 0.3491, 0.1111, 0.001, 0.001, 0.146, 0.123, 0.0032),
 }
-
-#: The compared parameters P1 to P5, b1, b2, Fc1, Fc2 and J2; they follow from mujoco.sysid's estimates.
-TEN = NAMES[:10]
 CHUNK, STEP = 0.5, 0.002
 
 
@@ -127,18 +125,8 @@ def ten_of(params, covariance, m1, m2):
 
 def simulated(model, motions, scale):
     """Return the errors of a MuJoCo model's predictions, defined as in identification.prediction."""
-    data, errors = mujoco.MjData(model), []
-    for horizon in HORIZONS[:ASSESSED]:
-        cut = Simulations.of(motions, PAPER.vector(), 0.0, np.zeros(2), (horizon,), STRIDE)
-        model.opt.timestep, last = OURS, []
-        for start, tau in zip(cut.start.T, np.moveaxis(cut.tau, 2, 0), strict=True):
-            data.qpos, data.qvel = start[:2], start[2:]
-            for torque in tau.T:
-                data.ctrl = torque
-                mujoco.mj_step(model, data)
-            last.append([*data.qpos, *data.qvel])
-        errors.append(np.sqrt((((np.array(last).T - cut.end[0]) / scale[:, None]) ** 2).mean()))
-    return errors
+    parts = (Simulations.of(motions, PAPER.vector(), 0.0, np.zeros(2), (h,), STRIDE) for h in HORIZONS[:ASSESSED])
+    return [errors_in_mujoco(model, part, scale)[0] for part in parts]
 
 
 def ours(recordings, motions, scale):
@@ -152,12 +140,6 @@ def ours(recordings, motions, scale):
     return value[:10], error[:10], predicted, found.result.model
 
 
-def timed(work):
-    """Return the result of a function, its processor time and its wall time [s]."""
-    cpu, wall = measure.cpu(), measure.wall()
-    return work(), measure.cpu() - cpu, measure.wall() - wall
-
-
 def agree(a, b):
     """Return the number of parameters with overlapping 95 % intervals in two fits, and the number of parameters."""
     known = (a[1] > 0) & (b[1] > 0)
@@ -165,8 +147,10 @@ def agree(a, b):
     return f'{int((near & known).sum())} of {int(known.sum())}'
 
 
-def rows(rig, train, test, guess):
+def rows(rig, guess, use_test):
     """Yield the two rows of a rig: tool, model, errors, times, and figures of the intervals."""
+    train = recorded(rig, 'train')
+    test = recorded(rig, 'test') if use_test else [train.pop()]
     parts = [evenly_stamped(part) for part in test]
     smoothing = choose_smoothing(parts)
 
@@ -184,23 +168,13 @@ def rows(rig, train, test, guess):
         ('mujoco.sysid', theirs),
         ('this package', lambda recordings: ours(recordings, motions, scale)),
     ):
-        (value, error, predicted, model), cpu, wall = timed(lambda way=way: way(train))
+        cpu, wall = measure.cpu(), measure.wall()
+        value, error, predicted, model = way(train)
+        times = f'{measure.cpu() - cpu:.0f} s', f'{measure.wall() - wall:.0f} s'
         first, second = way(train[:half]), way(train[half:])
         width = np.median(1.96 * error[:5] / np.abs(value[:5]))
         errors = ' / '.join(f'{e:.3f}' for e in predicted)
-        times = f'{cpu:.0f} s', f'{wall:.0f} s'
-        yield line(rig, name, model, errors, *times, f'{100 * width:.2g} %', agree(first, second))
-        print('    ', name, dict(zip(TEN, np.round(value, 5).tolist(), strict=True)), flush=True)
-
-
-def rigs(use_test):
-    """Return training recordings, recordings to predict and initial guess by rig."""
-    found = {}
-    for group, theta in PUBLISHED.items():
-        train, guess = recorded(group, 'train'), pendubot.Pendubot(**dict(zip(TEN, theta, strict=True)))
-        test = recorded(group, 'test') if use_test else [train.pop()]
-        found[group] = train, test, guess
-    return found
+        yield rig, name, model, errors, *times, f'{100 * width:.2g} %', agree(first, second)
 
 
 def main():
@@ -212,10 +186,8 @@ def main():
     print(f'{measure.machine()}, mujoco {mujoco.__version__}')
     errors = f'error after {" / ".join(f"{h:g}" for h in HORIZONS[:ASSESSED])} s'
     rest = 'processor', 'wall', 'half of 95 %, P1 to P5', 'two halves agree in'
-    table = [head('recordings', 'by', 'model', errors, *rest)]
-    for name, rig in rigs(args.test).items():
-        table += rows(name, *rig)
-    print('\n'.join(table))
+    of_rigs = (row for rig, guess in PUBLISHED.items() for row in rows(rig, guess, args.test))
+    table(('recordings', 'by', 'model', errors, *rest), of_rigs)
 
 
 if __name__ == '__main__':
