@@ -11,7 +11,7 @@ import argparse
 
 import numpy as np
 
-from benchmarks.markdown import head, line
+from benchmarks.markdown import table
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
@@ -30,6 +30,7 @@ RIGS = (
     *((200, 100_000, 0.35), (500, 2000, 0.35), (1000, 10_000, 0.35), (1000, 500, 0.35)),
 )
 PARTS = slice(0, 5), slice(5, 9)
+ERRORS = 'P1 to P5 [%]', 'friction [%]', 'inside', ''
 #: Changes at 300 s, or, if gradual, from 100 to 500 s.
 CHANGES = {
     'payload of 20 % of link 2': Day(payload=0.2, payload_at=AT),
@@ -54,14 +55,10 @@ def batch(t, q, tau, until):
 def track(t, q, tau):
     """Return all states and all events of one rig, each event with the time of its report."""
     tracker, samples = Tracker(), np.column_stack([t, q, tau, 0 * t])
-    states, events = [], []
-    for k in range(0, len(t), 20):
-        for update in tracker.feed(samples[k : k + 20]):
-            if isinstance(update, State):
-                states.append(update)
-            else:
-                events.append((float(samples[min(k + 19, len(t) - 1), 0]), update))
-    return states, events
+    parts = [samples[k : k + 20] for k in range(0, len(t), 20)]
+    updates = [(float(part[-1, 0]), update) for part in parts for update in tracker.feed(part)]
+    states = [update for _, update in updates if isinstance(update, State)]
+    return states, [each for each in updates if not isinstance(each[1], State)]
 
 
 def scores(times, theta, deviation, day, since):
@@ -102,17 +99,16 @@ def beside(name, t, q, tau, tracks, day):
     first = np.array([batch(t, q[k], tau[k], 10.0) for k in range(count)])
     times, theta, deviation = kalman(t, q, tau, first, walk=WALK)
     filtered = np.repeat(times, count), *(each.reshape(-1, 9) for each in (theta, deviation))
-    print('\n' + head(name, 'P1 to P5 [%]', 'friction [%]', 'inside', ''))
-    for who, row in {
-        'tracker': of_tracks(tracks, day, 60),
-        'fit of the first 60 s': [*scores(np.tile(seconds, count), minute, None, day, 60), '', ''],
-        'EKF': scores(*filtered, day, 60),
-    }.items():
-        print(line(who, *row), flush=True)
+    rows = (
+        ('tracker', *of_tracks(tracks, day, 60)),
+        ('fit of the first 60 s', *scores(np.tile(seconds, count), minute, None, day, 60), '', ''),
+        ('EKF', *scores(*filtered, day, 60)),
+    )
+    table((name, *ERRORS), rows)
 
 
 def changed(name, tracks, day):
-    """Print detection and type of a change, other reports, and the errors from 10 s after it on."""
+    """Return a row: detection and type of a change, other reports, and the errors from 10 s after it on."""
     at = min(day.payload_at, day.fades_at, day.fade_at, day.tilt_at, day.dead_zone_at)
     after, kinds, false, disturbances, right = [], [], 0, 0, 0
     for _, events in tracks:
@@ -126,12 +122,11 @@ def changed(name, tracks, day):
     late = f'{np.median(after):.2f}, {max(after):.2f}' if after else ''
     cells = [f'{len(after)} of {len(tracks)}', late, right, ', '.join(sorted(set(kinds))), false, disturbances]
     cells += of_tracks(tracks, day, at + (0 if day.fade else 10)) if np.isfinite(at) else [''] * 4
-    print(line(name, *cells), flush=True)
+    return name, *cells
 
 
 def others(seeds):
-    """Print the errors after 100 s of tracking of clean rigs with other sampling and excitation."""
-    print(head('rate [Hz]', 'counts', 'torque [N m]', 'P1 to P5 [%]', 'friction [%]', 'inside', '', 'OK [%]'))
+    """Yield the errors after 100 s of tracking of clean rigs with other sampling and excitation."""
     for rate, counts, strength in RIGS:
         day = Day(strength=strength)
         t, q, tau = record(seeds, [day] * len(seeds), seconds=100.0, rate=float(rate), counts=counts)
@@ -139,20 +134,16 @@ def others(seeds):
         fine = np.mean([s.level is Level.OK for states, _ in tracks for s in states if s.t > 20])
         last = [(states[-1:], events) for states, events in tracks]
         cells = [*of_tracks(last, day, 20)[:2], *of_tracks(tracks, day, 20)[2:], f'{100 * fine:.0f}']
-        print(line(rate, counts, strength, *cells), flush=True)
+        yield rate, counts, strength, *cells
 
 
 def pushes(rng):
     """Return pushes by hand every 12 s, in either direction and at either joint."""
-    return tuple(
-        (
-            at + rng.uniform(0, 5),
-            int(rng.integers(2)),
-            rng.choice([-1, 1]) * rng.uniform(0.05, 0.4),
-            rng.uniform(0.1, 1),
-        )
-        for at in np.arange(20, SECONDS - 10, 12.0)
-    )
+    made = []
+    for at in np.arange(20, SECONDS - 10, 12.0):
+        begin, joint, sign = at + rng.uniform(0, 5), int(rng.integers(2)), rng.choice([-1, 1])
+        made.append((begin, joint, sign * rng.uniform(0.05, 0.4), rng.uniform(0.1, 1)))
+    return tuple(made)
 
 
 def main():
@@ -163,7 +154,7 @@ def main():
     args = parser.parse_args()
     seeds = list(range(args.seeds))
     if args.others:
-        others(seeds)
+        table(('rate [Hz]', 'counts', 'torque [N m]', *ERRORS, 'OK [%]'), others(seeds))
         return
     rng = np.random.default_rng(7)
     cases = {'constant': [Day()] * len(seeds), 'drift': [Day(drift=0.5)] * len(seeds)}
@@ -177,9 +168,7 @@ def main():
     beside('drift', *runs['drift'], Day(drift=0.5))
     beside('hand', *runs['hand'], Day())
     reported = 'found', 'after [s]: median, most', 'times right', 'named', 'false', 'disturbances'
-    print('\n' + head('', *reported, 'P1 to P5 [%]', 'friction [%]', 'inside', ''))
-    for name, days in cases.items():
-        changed(name, runs[name][3], days[0])
+    table(('', *reported, *ERRORS), (changed(name, runs[name][3], days[0]) for name, days in cases.items()))
 
 
 if __name__ == '__main__':

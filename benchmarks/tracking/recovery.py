@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from benchmarks.markdown import head, line
+from benchmarks.markdown import table
 from pendubot_identification.control.controller import Controller, SafetyLimits
 from pendubot_identification.control.linear_control import Design, Loop, margins
 from pendubot_identification.control.plan import HELD, deviation
@@ -77,11 +77,7 @@ def phase_margin(known, payload):
     return math.degrees(margins(design, BALANCE.carrying(payload)).phase)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
-    parser.add_argument('--seeds', type=int, default=10)
-    seeds = range(parser.parse_args().seeds)
-    print(head('payload', 'parameters', 'detected', 'held again', 'after [s]', 'phase margin [deg]'))
+def rows(seeds):
     for payload in (0.06, 0.12):
         for tracked in (False, True):
             detected, again, phase = 0, [], []
@@ -95,9 +91,14 @@ def main():
                     again.append(last - AGAIN)
             found = (f'{each} of {len(seeds)}' for each in (detected, len(again)))
             after = f'{np.median(again or [math.nan]):.1f}'
-            print(
-                line(f'{payload:g} kg', 'tracked' if tracked else 'old', *found, after, f'{min(phase):.1f}'), flush=True
-            )
+            yield f'{payload:g} kg', 'tracked' if tracked else 'old', *found, after, f'{min(phase):.1f}'
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--seeds', type=int, default=10)
+    seeds = range(parser.parse_args().seeds)
+    table(('payload', 'parameters', 'detected', 'held again', 'after [s]', 'phase margin [deg]'), rows(seeds))
 
 
 if __name__ == '__main__':
