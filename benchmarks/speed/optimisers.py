@@ -92,23 +92,21 @@ def pygmos(criterion, bounds):
     return run
 
 
-def peers(criterion, bounds):
-    """Return MDE on both paths, and the differential evolution of other packages."""
-    objective, value = Penalised.of(criterion), by_blas(criterion)
-    return {
-        'kernel': on(True, mde(objective, bounds)),
-        'kernel, per vector': on(True, mde(objective, bounds, per_component=False)),
-        'numpy': on(False, mde(objective, bounds)),
-        'numpy, per vector': on(False, mde(objective, bounds, per_component=False)),
-        'scipy DE, vectorised': scipys(value, bounds),
-        'pygmo DE': pygmos(criterion, bounds),
-    }
-
-
 def full_budget():
+    """Compare MDE on both paths, and the differential evolution of other packages."""
     criterion, bounds = energy_criterion(), default_bounds().of(7)
-    works = peers(criterion, bounds)
-    works['exact bounded least squares (no MDE at all)'] = lambda: criterion.minimum(bounds)
-    spent, ours = interleaved(works), ('kernel', 'numpy')
+    objective = Penalised.of(criterion)
+    spent = interleaved(
+        {
+            'kernel': on(True, mde(objective, bounds)),
+            'kernel, per vector': on(True, mde(objective, bounds, per_component=False)),
+            'numpy': on(False, mde(objective, bounds)),
+            'numpy, per vector': on(False, mde(objective, bounds, per_component=False)),
+            'scipy DE, vectorised': scipys(by_blas(criterion), bounds),
+            'pygmo DE': pygmos(criterion, bounds),
+            'exact bounded least squares (no MDE at all)': lambda: criterion.minimum(bounds),
+        }
+    )
+    ours = 'kernel', 'numpy'
     ratios = {name: ('' if name in ours else f'{spent[name] / spent[other]:.3g}' for other in ours) for name in spent}
     table(('', 'time', *(f'over {name}' for name in ours)), ((n, seconds(spent[n]), *ratios[n]) for n in spent))

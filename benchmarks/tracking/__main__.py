@@ -97,7 +97,7 @@ def beside(name, t, q, tau, tracks, day):
     count, seconds = len(q), np.arange(1.0, SECONDS)
     minute = np.concatenate([np.tile(batch(t, q[k], tau[k], 60.0), (len(seconds), 1)) for k in range(count)])
     first = np.array([batch(t, q[k], tau[k], 10.0) for k in range(count)])
-    times, theta, deviation = kalman(t, q, tau, first, walk=WALK)
+    times, theta, deviation = kalman(t, q, tau, first, WALK)
     filtered = np.repeat(times, count), *(each.reshape(-1, 9) for each in (theta, deviation))
     rows = (
         ('tracker', *of_tracks(tracks, day, 60)),

@@ -11,19 +11,21 @@ import numpy as np
 from pendubot_identification.model.dynamics import accelerations
 from test.simulated_rig import runge_kutta
 
+#: Sampling rate [Hz], and counts per turn of the encoders.
+RATE, COUNTS = 200, 4096
 
-def kalman(t, q, tau, theta, *, walk, known=0.02, counts=4096, every=1.0, rate=200.0):
+
+def kalman(t, q, tau, theta, walk):
     """Track K rigs by an extended Kalman filter of q, q' and theta; return times, theta and deviations, (M, K, 9).
 
-    ``theta``: initial values, shape (K, 9), with the relative standard deviation ``known``; ``walk``: random walk as
-    the tracker's, relative to theta, in a second, shape (9,). Differences give the Jacobian.
+    ``theta``: initial values, shape (K, 9); ``walk``: random walk as the tracker's, relative to theta, in a second,
+    shape (9,). Differences give the Jacobian.
     """
-    size, h, scale = len(q), 1 / rate, np.abs(theta)
+    size, h, scale = len(q), 1 / RATE, np.abs(theta)
     x = np.concatenate([q[:, 0], np.zeros((size, 2)), np.ones((size, 9))], axis=1)
-    unit = 2 * np.pi / counts
-    noise = unit**2 / 12
+    noise = (2 * np.pi / COUNTS) ** 2 / 12
     P = np.zeros((size, 13, 13))
-    P[:] = np.diag([noise, noise, 0.01, 0.01, *[known**2] * 5, *[0.3**2] * 4])
+    P[:] = np.diag([noise, noise, 0.01, 0.01, *[0.02**2] * 5, *[0.3**2] * 4])
     Q = np.diag([1e-12, 1e-12, 1e-6, 1e-6, *(walk**2 * h)])
     H = np.eye(13)[:2]
     step = np.array([1e-6] * 4 + [1e-5] * 9)
@@ -40,7 +42,7 @@ def kalman(t, q, tau, theta, *, walk, known=0.02, counts=4096, every=1.0, rate=2
         x = x + (gain @ (q[:, n] - x[:, :2])[:, :, None])[:, :, 0]
         left = np.eye(13) - gain @ H
         P = left @ P @ np.moveaxis(left, 1, 2) + noise * gain @ np.moveaxis(gain, 1, 2)
-        if n % round(every * rate) == 0:
+        if n % RATE == 0:
             times.append(t[n])
             found.append(x[:, 4:] * scale)
             deviations.append(np.sqrt(np.diagonal(P, axis1=1, axis2=2))[:, 4:] * scale)
