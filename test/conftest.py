@@ -3,6 +3,7 @@
 
 """Common settings and fixtures: a private ROS domain, temporary logs, and the folder of real recordings."""
 
+import contextlib
 import importlib.util
 import os
 import signal
@@ -116,12 +117,9 @@ def rig(ros, tmp_path):
     """Makes live rigs and closes them."""
     from test.rig import Rig
 
-    rigs = []
+    with contextlib.ExitStack() as rigs:
 
-    def make(rate=100, *board_options):
-        rigs.append(Rig(tmp_path, rate, *board_options))
-        return rigs[-1]
+        def make(rate=100, *board_options):
+            return rigs.enter_context(Rig(tmp_path, rate, *board_options))
 
-    yield make
-    for each in rigs:
-        each.close()
+        yield make

@@ -6,6 +6,7 @@
 Timeouts end a test that hangs; on a busy machine a program may take half a minute to start.
 """
 
+import contextlib
 import os
 import queue
 import resource
@@ -119,6 +120,24 @@ class Program:
             self.stop(signal.SIGTERM, 5)
         except subprocess.TimeoutExpired:
             self.kill()
+
+
+@contextlib.contextmanager
+def repeating(work, every):
+    """Call a function periodically in a thread, with a period [s]."""
+    ended = threading.Event()
+
+    def repeat():
+        while not ended.wait(every):
+            work()
+
+    thread = threading.Thread(target=repeat)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def spin_until(node, condition, timeout=30.0):

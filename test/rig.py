@@ -77,9 +77,10 @@ class Rig(Observer):
     def until(self, condition, timeout=30.0):
         assert spin_until(self.node, condition, timeout), '\n'.join(p.output for p in self.programs)
 
-    def until_samples(self, more=1):
+    def until_samples(self, more=1, torque=None):
+        """Wait for more samples; repeat an effort command meanwhile if one is given."""
         wanted = len(self.samples) + more
-        self.until(lambda: len(self.samples) >= wanted)
+        self.drive_until(torque, lambda: len(self.samples) >= wanted)
 
     def call(self, service):
         """Call a service by its full name, or a service of the bridge."""
@@ -89,10 +90,11 @@ class Rig(Observer):
         self.effort_publisher.publish(self.float64(data=torque))
 
     def drive_until(self, torque, condition):
-        """Repeat an effort command until a condition is true."""
+        """Repeat an effort command, if one is given, until a condition is true."""
 
         def and_command():
-            self.effort(torque)
+            if torque is not None:
+                self.effort(torque)
             return condition()
 
         self.until(and_command)
@@ -123,7 +125,7 @@ class Rig(Observer):
         """Return whether a diagnosis with this text has at least this level."""
         return any(d.level >= bytes([level]) and text in d.message for d in self.diagnoses)
 
-    def close(self):
+    def __exit__(self, *_):
         for program in reversed(self.programs):
             program.__exit__()
-        self.node.destroy_node()
+        super().__exit__()

@@ -4,27 +4,32 @@
 """The fault trials of the bridge: one measuring function for each row of the table."""
 
 import contextlib
-import multiprocessing
 import os
 import re
 import signal
 import struct
-import threading
+import subprocess
+import sys
 import time
 from itertools import pairwise
 
 import numpy as np
+import rclpy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from pendubot_identification.link.events import Sample
 from pendubot_identification.link.host import Host, HostConfig
 from pendubot_identification.link.protocol import encode
-from test.processes import Program, call, parameters, spin_until
+from test.nodes.observer import Observer
+from test.processes import Program, parameters, repeating, spin_until
 from test.recordings.independent import by_rosbags
 from test.rig import ARMED, PATIENT, WATCHDOG, Rig
 from test.witness import Witness
 
-from .table import Trial, ros, ros_node
-from .wire import CPR, damage, hello, numbered_state, scrambled
+from .table import Trial
+from .wire import CPR, Tap, damage, hello, numbered_state, scrambled
 
 MS = 1_000_000
 RADIAN = 2 * np.pi / CPR
@@ -32,22 +37,14 @@ WATCHDOG_MS = 100
 
 
 @contextlib.contextmanager
-def live_rig(folder, *board_options):
-    """Provide a rig at 1 kHz with its own node."""
-    with ros():
-        rig = Rig(folder, 1000, *board_options)
-        try:
-            yield rig
-        finally:
-            rig.close()
-
-
-@contextlib.contextmanager
-def running_rig(folder, *board_options, bridge=()):
-    """Provide a rig in its own folder, with a board and a publishing bridge."""
+def running_rig(folder, *board_options, bridge=(), tapped=False):
+    """Provide a rig at 1 kHz, with a board and a publishing bridge, and the tap between them, if one is wanted."""
     folder.mkdir(exist_ok=True)
-    with live_rig(folder, *board_options) as rig:
+    with Rig(folder, 1000, *board_options) as rig, contextlib.ExitStack() as taps:
         rig.start_board()
+        if tapped:
+            rig.bridge_port = folder / 'tap'
+            rig.tap = taps.enter_context(contextlib.closing(Tap(rig.port, rig.bridge_port)))
         rig.start_bridge(*bridge)
         rig.until_samples(20)
         yield rig
@@ -96,43 +93,21 @@ def is_numbered(q, effort):
 
 
 @contextlib.contextmanager
-def repeating(work, every):
-    """Call a function periodically in a thread, with a period [s]."""
-    ended = threading.Event()
-
-    def repeat():
-        while not ended.wait(every):
-            work()
-
-    thread = threading.Thread(target=repeat)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-
-
-@contextlib.contextmanager
 def commander(rng):
     """Arm the bridge as soon as possible, then send 20 random torques per second, so that the rig moves."""
-    from std_msgs.msg import Float64
-    from std_srvs.srv import Trigger
-
-    with ros_node('fault_trial_commander') as node:
-        publisher = node.create_publisher(Float64, '/pendubot/effort_command', 1)
-        arm = node.create_client(Trigger, '/bridge/arm')
-        assert spin_until(node, lambda: call(node, arm, Trigger.Request()).success)
+    with Observer(rclpy) as observer:
+        publisher = observer.node.create_publisher(Float64, '/pendubot/effort_command', 1)
+        observer.until(lambda: observer.call(Trigger, '/bridge/arm').success)
         with repeating(lambda: publisher.publish(Float64(data=rng.uniform(-0.4, 0.4))), 0.05):
             yield
 
 
-def stream(folder, seconds, wanted):
+def stream(folder, long, wanted):
     """Stream 1 kHz to a second process and the recorder, armed and moving; yield figures without timing.
 
     Returns stamp errors [us], latencies [ms] and the bridge's share of a core.
     """
-    trace, heard = folder / 'trace.csv', folder / 'heard.npy'
+    trace, heard, seconds = folder / 'trace.csv', folder / 'heard.npy', 600 if long else 2
     board = Program('virtual_board', '--link', folder / 'board', '--rate', 1000, '--trace', trace)
     listener = Program('listener', heard)
     recorder = Program('recorder', *parameters(output=folder / 'bag'))
@@ -189,7 +164,7 @@ def recorded_stamps(bag):
 
 
 def quiet(folder, long):
-    error, latency, share = yield from stream(folder, 600 if long else 2, '0 lost, 0 doubled, 0 altered')
+    error, latency, share = yield from stream(folder, long, '0 lost, 0 doubled, 0 altered')
     p99, (median, late) = np.percentile(error, 99), np.percentile(latency, [50, 99])
     yield 'stamp error p99 <= 50 us', f'{p99:.0f} us, at most {error.max():.0f}', p99 <= 50, True
     yield 'median latency <= 0.3 ms', f'{median:.2f} ms', median <= 0.3, True
@@ -198,23 +173,15 @@ def quiet(folder, long):
 
 
 def busy(folder, long):
-    burners = [multiprocessing.get_context('spawn').Process(target=burn, daemon=True) for _ in range(os.cpu_count())]
-    for burner in burners:
-        burner.start()
+    burners = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(os.cpu_count())]
     try:
-        _, latency, _ = yield from stream(folder, 600 if long else 2, '0 lost')
+        _, latency, _ = yield from stream(folder, long, '0 lost')
     finally:
         for burner in burners:
             burner.kill()
-            burner.join()
+            burner.wait()
     median, late = np.percentile(latency, [50, 99])
     yield '(latency)', f'median {median:.2f} ms, p99 {late:.1f} ms', True, True
-
-
-def burn():
-    """Keep a core busy."""
-    while True:
-        sum(range(100_000))
 
 
 def damaged_offline(_, long):
@@ -265,8 +232,7 @@ def cable(folder, long):
             board.process.send_signal(signal.SIGUSR2)
             back.append(nanoseconds(board.wait_for('cable in')))
             rig.until(lambda: rig.samples[-1][1] > back[-1])
-            again = rig.samples[-1][1]
-            rig.until(lambda again=again: rig.samples[-1][1] > again + 20 * MS)
+            rig.until_samples(20)
             disarmed += not newest(rig.trace_file)[4] & ARMED
         rig.fresh_values()
         after = handles(bridge.process.pid)
@@ -295,9 +261,6 @@ def log_time(line):
 
 def commands(folder, long):
     """Measure the time from a torque command to the first joint state with it, on each of the bridge's two topics."""
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import Float64
-
     with running_rig(folder, bridge=PATIENT) as rig:
         for topic, kind in (('effort_command', Float64), ('joint_commands', JointState)):
             publisher, spent = rig.node.create_publisher(kind, f'/pendubot/{topic}', 1), []
@@ -326,7 +289,7 @@ def watchdog(folder, long):
     late = {'commander stops': [], 'SIGSTOP': [], 'SIGKILL': []}
     still_armed = reported = tripped = stayed = excused = 0
     times, stops = (10, 10) if long else (1, 1)
-    with live_rig(folder) as rig, Witness() as witness:
+    with Rig(folder, 1000) as rig, Witness() as witness:
         rig.start_board()
         rig.until(lambda: len(rig.trace()) > 100)
         first = board_start(rig.trace_file)
@@ -380,8 +343,7 @@ def watchdog(folder, long):
             tripped += (rows[:, 4] & WATCHDOG).any()
             bridge.process.send_signal(signal.SIGCONT)
             begun = len(rig.trace())
-            end = len(rig.samples) + 300
-            rig.drive_until(0.2, lambda end=end: len(rig.samples) > end)
+            rig.until_samples(300, 0.2)
             stayed += not rig.trace()[begun:, 3].any()
 
             rows = after('SIGKILL', lambda: bridge.kill())

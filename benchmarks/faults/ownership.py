@@ -6,7 +6,6 @@
 Torques and times are from the board's trace, with a sample every millisecond.
 """
 
-import contextlib
 import itertools
 import os
 import signal
@@ -16,40 +15,25 @@ from dataclasses import replace
 import numpy as np
 
 from pendubot_identification.link.protocol import Arm, Command, Hello, Status, encode
-from test.processes import Program, parameters, spin_until
+from test.processes import Program, parameters, repeating, spin_until
 from test.rig import ARMED, PATIENT
 
-from .bridge import drive, live_rig, newest, repeating, running_rig
+from .bridge import RADIAN, drive, newest, running_rig
 from .table import Trial
-from .wire import Tap
 
 #: Torques that the rig's own commander and the other program command [N m].
 OWN, FOREIGN = 0.2, 0.7
 MICRO = 1_000_000
 
 
-@contextlib.contextmanager
-def tapped_rig(folder, *board_options, bridge=()):
-    """Provide a rig and a bridge with a tap on the two wires between board and bridge."""
-    folder.mkdir(exist_ok=True)
-    with live_rig(folder, *board_options) as rig:
-        rig.start_board()
-        rig.bridge_port = folder / 'tap'
-        with contextlib.closing(Tap(rig.port, rig.bridge_port)) as tap:
-            rig.start_bridge(*bridge)
-            rig.until_samples(20)
-            yield rig, tap
+def stranger(tap, seed):
+    """Act as another program on the port: write torque commands of random sessions 200 times a second."""
+    rng, seqs = np.random.default_rng(seed), itertools.count(1)
 
+    def inject():
+        tap.inject(Command(next(seqs) & 0xFFFF, 0, 1, 500, round(MICRO * FOREIGN), int(rng.integers(0, 2**32))))
 
-def stranger(tap, messages):
-    """Act as another program on the port: write the result of ``messages()`` 200 times a second."""
-    return repeating(lambda: tap.inject(*messages()), 0.005)
-
-
-def commands(rng):
-    """Return a source of torque commands of random sessions, from a program that does not own the motor."""
-    seqs = itertools.count(1)
-    return lambda: [Command(next(seqs) & 0xFFFF, 0, 1, 500, round(MICRO * FOREIGN), int(rng.integers(0, 2**32)))]
+    return repeating(inject, 0.005)
 
 
 def torques_since(rig, begun):
@@ -57,22 +41,10 @@ def torques_since(rig, begun):
     return {*rig.trace()[begun:, 3].tolist()}
 
 
-def samples(rig, count, torque=None):
-    """Wait for ``count`` samples, and command a torque meanwhile if one is given."""
-    end = len(rig.samples) + count
-
-    def passed():
-        if torque is not None:
-            rig.effort(torque)
-        return len(rig.samples) >= end
-
-    rig.until(passed, 30)
-
-
-def until_off(rig, begun, timeout=20.0):
+def until_off(rig, begun):
     """Wait until the motor is off; return the number of samples from ``begun`` until then, and if it stayed off."""
-    rig.until(lambda: not newest(rig.trace_file)[3] and not newest(rig.trace_file)[4] & ARMED, timeout)
-    samples(rig, 300, OWN)
+    rig.until(lambda: not newest(rig.trace_file)[3] and not newest(rig.trace_file)[4] & ARMED, 20)
+    rig.until_samples(300, OWN)
     rows = rig.trace()[begun:]
     on = np.flatnonzero((rows[:, 3] != 0) | (rows[:, 4] & ARMED != 0))
     # Once off, it is never on again.
@@ -84,13 +56,13 @@ def until_off(rig, begun, timeout=20.0):
 def foreign(folder, long):
     """Another program streams commands while the board is locked, disarmed, armed, tripped, and without a bridge."""
     found, seen = {}, {}
-    with tapped_rig(folder, bridge=PATIENT) as (rig, tap):
+    with running_rig(folder, bridge=PATIENT, tapped=True) as rig:
 
         def during(state, torque=None):
             rig.diagnoses.clear()
             begun = len(rig.trace())
-            with stranger(tap, commands(np.random.default_rng(1))):
-                samples(rig, 2000 if long else 300, torque)
+            with stranger(rig.tap, 1):
+                rig.until_samples(2000 if long else 300, torque)
                 rig.until(lambda: rig.diagnosed(1, 'another program sends commands'))
             found[state], seen[state] = torques_since(rig, begun), True
 
@@ -106,7 +78,7 @@ def foreign(folder, long):
         rig.until(lambda: not newest(rig.trace_file)[4] & ARMED)
         for seed, state in enumerate(('tripped', 'without a bridge'), 2):
             begun = len(rig.trace())
-            with stranger(tap, commands(np.random.default_rng(seed))):
+            with stranger(rig.tap, seed):
                 spin_until(rig.node, lambda begun=begun: len(rig.trace()) > begun + 300)
             found[state] = torques_since(rig, begun)
             rig.programs[-1].kill()
@@ -146,22 +118,21 @@ def usurper(folder, long):
 
 def forged(folder, _):
     """HELLO has a sample period of a second, no speed limit, or an enormous speed limit."""
-    refused, given, said = 0, set(), []
+    refused, given = 0, set()
     lies = {
         'a sample period of 1000 ms': lambda h: replace(h, sample_period_us=MICRO),
         'no limit': lambda h: replace(h, limits=replace(h.limits, max_speed=0)),
         'a limit of 4': lambda h: replace(h, limits=replace(h.limits, max_speed=4_000_000)),
     }
     for lie, change in lies.items():
-        with tapped_rig(folder / lie.replace(' ', '_')) as (rig, tap):
-            tap.rewrite = lambda e, change=change: change(e) if isinstance(e, Hello) else e
+        with running_rig(folder / lie.replace(' ', '_'), tapped=True) as rig:
+            rig.tap.rewrite = lambda e, change=change: change(e) if isinstance(e, Hello) else e
             rig.programs.pop().stop()
             rig.start_bridge()
             rig.until_samples(20)
             answer = rig.call('arm')
             refused += not answer.success and lie in answer.message
-            said.append(answer.message)
-            samples(rig, 300, OWN)
+            rig.until_samples(300, OWN)
             given |= torques_since(rig, 0)
     yield 'arming is refused, with the lie', f'{refused} of {len(lies)}', refused == len(lies)
     yield 'no torque', f'{sorted(given)} micro-N m', given == {0}
@@ -169,23 +140,20 @@ def forged(folder, _):
 
 def wires(folder, long):
     """Either wire is cut while the motor runs, and restored a second later."""
-    results = {}
-    cases = [('to_host', 100), ('to_board', 100), ('to_board', 300)][: 3 if long else 2]
-    for wire, watchdog_ms in cases:
-        with tapped_rig(folder / f'{wire}{watchdog_ms}', bridge=(f'watchdog_ms:={watchdog_ms}',)) as (rig, tap):
+    for wire, watchdog_ms in (('to_host', 100), ('to_board', 100), ('to_board', 300))[: 3 if long else 2]:
+        settings = (f'watchdog_ms:={watchdog_ms}',)
+        with running_rig(folder / f'{wire}{watchdog_ms}', bridge=settings, tapped=True) as rig:
             last = 0
             while not last:  # tripped by a busy machine before the wire was cut: tried again
                 drive(rig, OWN)
                 begun = rig.trace_file.read_bytes().count(b'\n') - 1
-                tap.cut = {wire}
+                rig.tap.cut = {wire}
                 deadline = time.monotonic() + 1.0
                 while time.monotonic() < deadline:
                     rig.effort(OWN)
                     spin_until(rig.node, lambda: False, 0.01)
-                tap.cut = set()
+                rig.tap.cut = set()
                 last, stayed = until_off(rig, begun)
-            results[wire, watchdog_ms] = last, stayed
-    for (wire, watchdog_ms), (last, stayed) in results.items():
         name = f'{wire.replace("_", " ")} cut, watchdog {watchdog_ms} ms'
         yield f'{name}: off, and it stays so', f'{stayed}', stayed
         wanted = 100 if wire == 'to_host' else watchdog_ms
@@ -205,28 +173,21 @@ def stuck(folder, _):
 
 def runaway(folder, _):
     """Command 0.6 N m until a limit stops the motor: first limits of the board, then a limit of the user."""
-    for limits, parameters_, name in (
-        ((), (), 'speed'),
-        (('--limit', 'max_speed=20000'), (), 'speed'),
-        (('--limit', 'max_travel1=6000'), ('max_travel:=[6.5, 0.0]',), 'travel'),
+    for name, limits, settings, faults, max_speed, max_travel in (
+        ('default_limits', (), (), Status.SPEED | Status.TRAVEL, np.inf, 61),
+        ('max_speed', ('--limit', 'max_speed=20000'), (), Status.SPEED, 22, np.inf),
+        ('max_travel', ('--limit', 'max_travel1=6000'), ('max_travel:=[6.5, 0.0]',), Status.TRAVEL, np.inf, 6.1),
     ):
-        place = folder / f'{name}{len(limits)}{len(parameters_)}'
-        with running_rig(place, *limits, bridge=(*PATIENT, *parameters_)) as rig:
+        with running_rig(folder / name, *limits, bridge=(*PATIENT, *settings)) as rig:
             rig.until(lambda: rig.call('arm').success)
             rig.drive_until(0.6, lambda: rig.diagnosed(2, 'fault'))
             until_off(rig, 0)
             rows = rig.trace()
-            moving = rows[:, 3] != 0
-            speed = np.abs(np.diff(rows[:, 1:3], axis=0)).max(axis=1) * (2 * np.pi / 4000) * 1000
-            fastest, largest = speed[moving[1:]].max(), np.abs(rows[moving, 1]).max() * 2 * np.pi / 4000
-            bit = Status.SPEED if name == 'speed' else Status.TRAVEL
-            tripped = bool((rows[:, 4] & (Status.SPEED | Status.TRAVEL)).any())
-            named = bool((rows[:, 4] & bit).any()) or not limits
+        moving, named = rows[:, 3] != 0, bool((rows[:, 4] & faults).any())
+        speed = np.abs(np.diff(rows[:, 1:3], axis=0)).max(axis=1) * RADIAN * 1000
+        fastest, largest = speed[moving[1:]].max(), np.abs(rows[moving, 1]).max() * RADIAN
         figures = f'with torque at most {fastest:.0f} rad/s and {largest:.1f} rad'
-        within = (
-            (fastest <= 22 or name != 'speed') and (largest <= 6.1 or name != 'travel') if limits else largest <= 61
-        )
-        yield f'{" ".join(limits) or "limits by default"}: off', figures, tripped and named and within
+        yield f'{name}: off', figures, named and fastest <= max_speed and largest <= max_travel
 
 
 def restart(folder, _):
@@ -240,13 +201,10 @@ def restart(folder, _):
         begun = len(rig.trace())
         refused = rig.call('arm')
         moving = rig.call('confirm_zeros')
-        samples(rig, 300, OWN)
+        rig.until_samples(300, OWN)
         given = torques_since(rig, begun)
-    yield (
-        'confirmed at rest, with the angles',
-        confirmed.message,
-        confirmed.success and 'q1 = -1.57' in confirmed.message,
-    )
+    at_rest = confirmed.success and 'q1 = -1.57' in confirmed.message
+    yield 'confirmed at rest, with the angles', confirmed.message, at_rest
     yield 'not armed after the restart', refused.message, not refused.success and 'confirm_zeros' in refused.message
     yield 'not confirmed while it moves', moving.message, not moving.success and 'were not at rest' in moving.message
     yield 'no torque', f'{sorted(given)} micro-N m', given == {0}

@@ -14,14 +14,20 @@ from functools import partial
 from pathlib import Path
 from unittest import mock
 
+import rclpy
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
+from test.nodes.observer import Observer
 from test.processes import Program, parameters
 from test.recordings import damage
 from test.recordings.independent import by_mcap, by_rosbags
 
-from .table import Trial, ros_node
+from .table import Trial
 
 RATE = 1000  #: Messages a second.
 ROOM = 20_000_000  #: Free space above the reserve [bytes].
@@ -52,10 +58,6 @@ def recorded(path):
 
 
 def joint_state(k):
-    from builtin_interfaces.msg import Time
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import Header
-
     return JointState(
         header=Header(stamp=Time(sec=1_700_000_000 + k, nanosec=k), frame_id=f'frame{k}'),
         name=['shoulder', 'elbow'][: k % 3],
@@ -74,7 +76,7 @@ def kills(node, folder, count):
     for k in range(count):
         path, copy, topic = folder / f'killed{k}', folder / f'repaired{k}', f'/killed{k}'
         with recorder(path, topic) as program:
-            publisher = node.create_publisher(type(joint_state(0)), topic, 1000)
+            publisher = node.create_publisher(JointState, topic, 1000)
             wait_for_subscriptions(publisher)
             # The first message may come only with the publisher's next heartbeat, seconds later.
             publisher.publish(joint_state(0))
@@ -97,8 +99,8 @@ def kills(node, folder, count):
 
 def killed(folder, long):
     """SIGKILL the recorder."""
-    with ros_node() as node:
-        losses, saved = zip(*kills(node, folder, 20 if long else 3), strict=True)
+    with Observer(rclpy) as observer:
+        losses, saved = zip(*kills(observer.node, folder, 20 if long else 3), strict=True)
     wanted = f'at most {RATE // 10} messages lost, {len(losses)} times'
     most = max(losses)
     yield wanted, f'{statistics.median_low(losses)} in the median, {most} at most', most <= RATE // 10, True
@@ -111,10 +113,10 @@ def fills_up(folder, _=False, limited=False):
     with tempfile.TemporaryDirectory(dir='/dev/shm' if os.access('/dev/shm', os.W_OK) else folder) as disk:
         path = Path(disk, 'bag')
         reserve = 0 if limited else shutil.disk_usage(disk).free - ROOM
-        with ros_node() as node, recorder(path, '/full', reserve=reserve) as program:
+        with Observer(rclpy) as observer, recorder(path, '/full', reserve=reserve) as program:
             message = joint_state(0)
             message.header.frame_id = 'x' * 100_000
-            publisher = node.create_publisher(type(message), '/full', 10)
+            publisher = observer.node.create_publisher(JointState, '/full', 10)
             wait_for_subscriptions(publisher)
             if limited:
                 resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (5_000_000, 5_000_000))
@@ -137,7 +139,7 @@ def fills_up(folder, _=False, limited=False):
     yield 'all before it read by rosbags and mcap', said, same and info.count >= sent - 6
 
 
-def damaged(folder, long, alter, counts, closed):
+def damaged(alter, counts, state, folder, long):
     """Truncate or change a bag many times; read and repair the rest."""
     count = counts[long]
     silent = refused = worst = done = 0
@@ -145,7 +147,7 @@ def damaged(folder, long, alter, counts, closed):
     try:
         # fsync of this many bags would be slow, and they are temporary.
         with mock.patch.object(os, 'fsync', return_value=None):
-            for outcome, left in damage.damaged_bags(folder, count, alter, closed=closed):
+            for outcome, left in damage.damaged_bags(folder, count, alter, closed=state == 'closed'):
                 done += 1
                 silent += outcome.silent
                 refused += outcome.refused
@@ -163,11 +165,7 @@ TRIALS = [
     Trial('disk', 'disk full', fills_up),
     Trial('quota', 'files limited in size', partial(fills_up, limited=True)),
     *(
-        Trial(
-            f'{alter.__name__}-{state}',
-            f'{state} bag, {fault}',
-            partial(damaged, alter=alter, counts=counts, closed=state == 'closed'),
-        )
+        Trial(f'{alter.__name__}-{state}', f'{state} bag, {fault}', partial(damaged, alter, counts, state))
         for alter, fault, counts in (
             (damage.cut, 'cut anywhere', (10, 100)),
             (damage.change, 'a byte changed anywhere', (25, 1000)),

@@ -4,11 +4,8 @@
 """The results of fault trials: each target, the measured figure, and whether it meets the target."""
 
 from collections.abc import Callable, Iterable
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
-
-from benchmarks.markdown import head, line
 
 
 class Figure(NamedTuple):
@@ -34,37 +31,3 @@ class Trial(NamedTuple):
     def run(self, folder, long):
         """Return the figures of the trial."""
         return [Figure(*fields) for fields in self.measure(folder, long)]
-
-
-HEADER = head('fault', 'wanted', 'measured', '')
-
-
-def row(fault, figure):
-    """Return a row of the table."""
-    return line(fault, figure.wanted, figure.measured, 'met' if figure.met else '**missed**')
-
-
-@contextmanager
-def ros():
-    """Provide ROS, and initialise it if necessary."""
-    import rclpy
-
-    begun = not rclpy.ok()
-    if begun:
-        rclpy.init()
-    try:
-        yield rclpy
-    finally:
-        if begun:
-            rclpy.try_shutdown()
-
-
-@contextmanager
-def ros_node(name='fault_trial'):
-    """Provide a node."""
-    with ros() as rclpy:
-        node = rclpy.create_node(name)
-        try:
-            yield node
-        finally:
-            node.destroy_node()

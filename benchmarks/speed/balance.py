@@ -87,34 +87,30 @@ def live_trials(known, rate, start, seeds):
     from test.rig import ARMED
 
     _, spread, begin = STARTS[start]
-    with tempfile.TemporaryDirectory() as folder:
-        rig = LiveRig(Path(folder), rate)
+    with tempfile.TemporaryDirectory() as folder, LiveRig(Path(folder), rate) as rig:
 
         def stopped():
             return any(status.message.startswith('stopped') for status in rig.said())
 
-        try:
-            rig.publish(known.parameters, delay=known.lag)
-            rig.start('balancer', *parameters(accept_warn='true'))
-            rig.start_bridge()
-            for seed in range(seeds):
-                board = rig.start_board(start=start, spread=spread, delay=LAG, seed=seed)
-                rig.begin()
-                rig.statuses.clear()
-                deadline = time.monotonic() + begin + TIME + 5
-                while time.monotonic() < deadline and rig.held()[1] < TIME + 0.1 and not stopped():
-                    spin_until(rig.node, stopped, 0.5)
-                rig.call('/balancer/stop')
-                t, q, tau, status = rig.motion()
-                armed = (status & ARMED).astype(bool)
-                trial = assessed(t[armed] - t[armed][0], q[armed], tau[armed], begin)
-                if not math.isfinite(trial.held):
-                    last = rig.said()[-1].message if rig.said() else 'nothing'
-                    print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer reports: {last} -->', flush=True)
-                yield trial
-                board.stop()
-        finally:
-            rig.close()
+        rig.publish(known.parameters, delay=known.lag)
+        rig.start('balancer', *parameters(accept_warn='true'))
+        rig.start_bridge()
+        for seed in range(seeds):
+            board = rig.start_board(start=start, spread=spread, delay=LAG, seed=seed)
+            rig.begin()
+            rig.statuses.clear()
+            deadline = time.monotonic() + begin + TIME + 5
+            while time.monotonic() < deadline and rig.held()[1] < TIME + 0.1 and not stopped():
+                spin_until(rig.node, stopped, 0.5)
+            rig.call('/balancer/stop')
+            t, q, tau, status = rig.motion()
+            armed = (status & ARMED).astype(bool)
+            trial = assessed(t[armed] - t[armed][0], q[armed], tau[armed], begin)
+            if not math.isfinite(trial.held):
+                last = rig.said()[-1].message if rig.said() else 'nothing'
+                print(f'<!-- {start}, {rate} Hz, seed {seed}: the balancer reports: {last} -->', flush=True)
+            yield trial
+            board.stop()
 
 
 def identified():

@@ -4,12 +4,12 @@
 """The bridge with the STM32F4's program in QEMU, at 1 kHz; other tests use the Linux program."""
 
 import os
-import threading
 
 import numpy as np
 import pytest
 
 from pendubot_identification.link.protocol import State, Status
+from test.processes import repeating
 from test.rig import PATIENT
 
 from .emulator import Line
@@ -28,26 +28,15 @@ def test_at_1_khz_no_sample_is_lost_and_the_boards_watchdog_trips_when_the_bridg
     before = r.values()
     assert r.call('arm').success
     r.samples.clear()
-    ended = threading.Event()
     rng = np.random.default_rng(1)
-
-    def drive():
-        while not ended.wait(0.05):
-            r.effort(rng.uniform(-0.1, 0.1))
-
-    thread = threading.Thread(target=drive)
-    thread.start()
-    try:
+    with repeating(lambda: r.effort(rng.uniform(-0.1, 0.1)), 0.05):
         # By the board's clock: QEMU may run slower.
         r.until(lambda: len(r.samples) >= 1000 * SECONDS, 3 * SECONDS + 10)
         r.diagnoses.clear()
         r.until(lambda: r.diagnoses)
         # On a busy machine the watchdog may have tripped.
         assert r.call('arm').success
-    finally:
         bridge.kill()
-        ended.set()
-        thread.join()
     line = Line(emulator.port)
     # QEMU may run behind and still send earlier samples.
     last = line.events(10, lambda e: isinstance(e, State) and e.status & Status.WATCHDOG)[-1]

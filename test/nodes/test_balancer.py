@@ -26,9 +26,8 @@ GENTLE = {'arm': 'true', 'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.05, '
 
 @pytest.fixture
 def rig(ros, tmp_path):
-    rig = LiveRig(tmp_path)
-    yield rig
-    rig.close()
+    with LiveRig(tmp_path) as rig:
+        yield rig
 
 
 def patient(rig, **place):

@@ -24,11 +24,10 @@ EFFORT = '/pendubot/effort_command'
 
 @pytest.fixture(scope='module')
 def shared(ros, tmp_path_factory):
-    rig = Rig(tmp_path_factory.mktemp('rig'), 100)
-    rig.start_board()
-    rig.start_bridge(*PATIENT)
-    yield rig
-    rig.close()
+    with Rig(tmp_path_factory.mktemp('rig'), 100) as rig:
+        rig.start_board()
+        rig.start_bridge(*PATIENT)
+        yield rig
 
 
 @pytest.fixture
