@@ -78,6 +78,8 @@ class SignCheck:
         torques = [sum(applied[k : k + n]) / n for k in range(0, len(applied), n)]
         for k, (_, place, motor) in enumerate(_FAULTS):
             self._errors[k] += self._error(list(map(place, positions)), [motor * torque for torque in torques])
+        if math.isinf(self._errors[0]):
+            raise ControlError('a simulation of the rig diverges with these parameters; identify the rig again')
         best, second = sorted(range(len(_FAULTS)), key=self._errors.__getitem__)[:2]
         if self._errors[second] < SETTINGS.ratio * self._errors[best] + SETTINGS.floor**2:
             return False
@@ -88,12 +90,18 @@ class SignCheck:
     def _error(self, measured: list[Pair], torques: list[float]) -> float:
         """Return the mean squared prediction error of a window's positions [rad^2], with the mean torque of each step.
 
-        A straight line is subtracted from the errors, because the initial velocities are differences of positions.
+        It is infinite if the simulation diverges. A straight line is subtracted from the errors, because the initial
+        velocities are differences of positions.
         """
         (q1, q2), (later1, later2) = measured[:2]
         state: tuple[float, ...] = (q1, q2, (later1 - q1) / self._step, (later2 - q2) / self._step)
         errors = [(0.0, 0.0)]
-        for torque, (q1, q2) in zip(torques, measured[1:], strict=True):
-            state = advance(self._theta, state, (torque, 0.0), self._step, math)
-            errors.append((q1 - state[0], q2 - state[1]))
-        return float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))
+        try:
+            for torque, (q1, q2) in zip(torques, measured[1:], strict=True):
+                state = advance(self._theta, state, (torque, 0.0), self._step, math)
+                errors.append((q1 - state[0], q2 - state[1]))
+            with np.errstate(all='ignore'):
+                error = float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))
+            return error if math.isfinite(error) else math.inf
+        except (ValueError, OverflowError):
+            return math.inf

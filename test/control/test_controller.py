@@ -14,6 +14,7 @@ from pendubot_identification.control.controller import UPRIGHT, Controller, Cont
 from pendubot_identification.control.estimator import CommandMonitor, Estimator
 from pendubot_identification.control.linear_control import Design, Loop, closed_loop, linearise, margins
 from pendubot_identification.control.plan import Plan, held_since, simulate_closed_loop
+from pendubot_identification.control.sign_check import SignCheck
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import BALANCE, PAPER
@@ -78,6 +79,12 @@ def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(r
     closed_loop = run(start, 0, rate, WRONG, 0.3, **wrong)
     assert words in closed_loop.stopped
     assert closed_loop.motion.t[-1] < 0.2
+
+
+def test_parameters_with_which_a_simulation_diverges_are_refused():
+    check = SignCheck((1e-9, 1e-9, 9e-10, 1.0, 1.0, 0.0, 0.0), period=0.01, lag=0.0)
+    with pytest.raises(ControlError, match='a simulation of the rig diverges'):
+        any(check.update((0.1 * k, -0.1 * k), 1.0) for k in range(20))
 
 
 @pytest.mark.parametrize('rate', LOOPS)
