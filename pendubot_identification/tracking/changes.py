@@ -24,9 +24,9 @@ from .filter import Innovations
 #: base is tilted; the dead zone of the motor [N m]; the rate of all torque [1/s].
 DELAY, TILT, DEAD_ZONE, RATE = 'delay', ('P4 horizontal', 'P5 horizontal'), 'dead zone', 'rate'
 PAYLOAD, SEVERAL, DRIFT = 'payload on link 2', 'several', 'motor: gradual change of all torque'
-#: Smallest ratio after and before a step, of each of P1 to P5 (time at twice the rate gives 0.25), and of all of them:
-#: without torque, zero parameters fit any motion.
-SMALLEST = 0.2, 0.3
+#: Smallest ratio of P1 to P5 after and before a step: without torque, zero parameters fit any motion, and time at twice
+#: the rate gives 0.25.
+SMALLEST = 0.24
 #: Largest fraction of the likelihood ratio that a step leaves unexplained.
 UNEXPLAINED = 0.05
 
@@ -58,8 +58,7 @@ class StepChange(NamedTuple):
     def possible(self, x: Array, scale: Array) -> bool:
         """Return whether this step from the unknowns x, shape (D,), is physically possible."""
         highest = x + self.step + 3 * self.std_error
-        one, all_of_them = (highest < smallest * x for smallest in SMALLEST)
-        if one[:5].any() or all_of_them[:5].all() or (highest < -scale / 10)[5:-5].any():
+        if (highest < SMALLEST * x)[:5].any() or (highest < -scale / 10)[5:-5].any():
             return False
         # A payload adds both mass and inertia about the elbow, or removes both.
         significant = np.abs(self.step) > 3 * self.std_error
