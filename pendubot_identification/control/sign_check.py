@@ -103,5 +103,5 @@ class SignCheck:
             with np.errstate(all='ignore'):
                 error = float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))
             return error if math.isfinite(error) else math.inf
-        except (ValueError, OverflowError):
+        except (ValueError, ArithmeticError):
             return math.inf

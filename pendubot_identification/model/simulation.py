@@ -167,7 +167,7 @@ def simulate(
         try:
             plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(step))
             finite = all(map(math.isfinite, (*plant.q, *plant.qd)))
-        except (ValueError, OverflowError, ZeroDivisionError):
+        except (ValueError, ArithmeticError):
             finite = False
         if not finite:
             raise TrajectoryError(

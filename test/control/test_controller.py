@@ -81,8 +81,9 @@ def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(r
     assert closed_loop.motion.t[-1] < 0.2
 
 
-def test_parameters_with_which_a_simulation_diverges_are_refused():
-    check = SignCheck((1e-9, 1e-9, 9e-10, 1.0, 1.0, 0.0, 0.0), period=0.01, lag=0.0)
+@pytest.mark.parametrize('inertia', [(1e-9, 1e-9, 9e-10), (0.0, 0.0, 0.0)])
+def test_parameters_with_which_a_simulation_diverges_are_refused(inertia):
+    check = SignCheck((*inertia, 1.0, 1.0, 0.0, 0.0), period=0.01, lag=0.0)
     with pytest.raises(ControlError, match='a simulation of the rig diverges'):
         any(check.update((0.1 * k, -0.1 * k), 1.0) for k in range(20))
 
