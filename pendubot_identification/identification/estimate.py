@@ -74,7 +74,7 @@ class Estimate:
         freedom: degrees of freedom of the standard errors, infinite where they are normal, shape (D,) or ().
         uncertainty: the method for the covariance, in words.
         effort: hold and delay of the effort.
-        J: the criterion on the training data, in the unit of :data:`.assemble.UNITS_OF_J`.
+        J: the criterion on the training data.
         residuals: number of residuals that J averages.
         condition_number: of the scaled information.
         converged: whether the optimiser found a minimum.
