@@ -3,7 +3,7 @@
 
 """The errors that a user can cause. Each message contains the finding, the expectation and the correction."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -82,6 +82,17 @@ def wrong_usage() -> Iterator[None]:
         yield
     except PendubotError as error:
         raise UsageError(str(error)) from error
+
+
+@contextmanager
+def noting(remarks: Iterable[str]) -> Iterator[None]:
+    """Append remarks on the data, which may be the cause, to the sentence of each PendubotError within the context."""
+    try:
+        yield
+    except PendubotError as error:
+        error.for_shell = '; '.join([str(error), *remarks])
+        error.args = (error.for_shell,)
+        raise
 
 
 def sentence(error: Exception) -> str:

@@ -41,7 +41,8 @@ def run_track(args: argparse.Namespace) -> int:
             start = start_of(args.start, args.model)
             tracker, track = track_recordings(start, windows, conversion, progress)
         if tracker.state is None and not track.states:
-            raise ExcitationError(f'{", ".join(args.bags)}: no parameters were identified: {tracker.reason}')
+            failed = f'{", ".join(args.bags)}: no parameters were identified: {tracker.reason}'
+            raise ExcitationError('; '.join([failed, *track.notes]))
         last, written = tracker.state or track.states[-1], []
         result = tracked_result(tracker, track, args.bags) if tracker.state is not None else None
         text = '' if result is None else result_text(result)

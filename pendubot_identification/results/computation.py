@@ -17,7 +17,7 @@ from functools import partial
 from subprocess import PIPE
 from typing import Any
 
-from pendubot_identification.errors import PendubotError, sentence
+from pendubot_identification.errors import PendubotError, noting, sentence
 from pendubot_identification.identification.conventions import corrected_conversion
 from pendubot_identification.identification.estimate import Progress
 from pendubot_identification.identification.pipeline import identify
@@ -51,7 +51,8 @@ def identify_recordings(
         notes = [f'applied corrections of the recordings: {" ".join(applied)}'] if applied else []
         try:
             data = load(settings.reading)
-            found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
+            with noting(data.notes):
+                found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
             corrected = corrected_conversion(found.faults)
             if corrected is None or not remaining:
                 return assemble_result(replace(found, uncorrected=uncorrected), data.sources), data
