@@ -129,10 +129,10 @@ class Parameters:
         problems = [f'{name} = {value:.4g} is not finite' for name, value in values.items() if not math.isfinite(value)]
         zero = [f'{name} = {values[name]:.4g} is not positive' for name in ('P1', 'P2') if values[name] <= 0]
         problems += zero
-        if not zero and self.P1 * self.P2 <= self.P3**2:
+        if not zero and self.P1 * self.P2 <= self.P3 * self.P3:
             problems.append(
                 f'M(q) is not positive definite for every q: P1 P2 = {self.P1 * self.P2:.4g} '
-                f'does not exceed P3^2 = {self.P3**2:.4g}'
+                f'does not exceed P3^2 = {self.P3 * self.P3:.4g}'
             )
         if self.J2 < 0:
             problems.append(f'the rotor inertia J2 = {self.J2:.4g} is negative')

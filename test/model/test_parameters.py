@@ -49,6 +49,7 @@ def test_parameters_have_the_smallest_sufficient_model_and_complete_vectors(chan
         ({'P1': -1e-3}, 'P1'),
         ({'P2': 0.0}, 'P2'),
         ({'P3': 0.1}, 'positive definite'),
+        ({'P3': 1e300}, 'positive definite'),
         # The inertia of a rotor does not make the links physical.
         ({'P3': 0.1, 'J2': 1.0}, 'positive definite'),
         *(({name: -1e-6}, name) for name in ('b1', 'b2', 'Fc1', 'Fc2', 'J2', 'Fs1', 'Fs2', 'k1', 'k2')),

@@ -54,6 +54,8 @@ def test_it_waits_for_parameters_balances_adopts_new_ones_and_disarms_at_stop_or
     balancer.wait_for('waiting: no parameters were received on pendubot/params')
     rig.publish(level=2, message='useless')
     balancer.wait_for('level ERROR (useless)')
+    rig.publish([1e300] * 7)
+    balancer.wait_for('waiting: the parameters are unphysical')
     assert not rig.call('/balancer/start').success
     rig.publish()
     begin_and_hold(rig)
