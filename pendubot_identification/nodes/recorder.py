@@ -38,6 +38,7 @@ class Topic:
     """A topic to record: its channel in the bag, its statistics, and the cause of missing messages."""
 
     channel: int = -1  #: Negative before the first publisher.
+    type_name: str = ''  #: Its type; empty before the first publisher.
     flow: Flow = field(default_factory=Flow)
     publishers: int = 1
     latest_ns: int = 0  #: The latest log time.
@@ -98,7 +99,8 @@ class Recorder(ManagedNode):
         except BagError as error:
             self._failure = self._failure or error
         for name, topic in self._topics.items():
-            self.get_logger().info(f'{name}: {topic.flow.count} messages')
+            lost = f', {topic.flow.lost} lost' * (topic.flow.lost > 0)
+            self.get_logger().info(f'{name}: {topic.flow.count} messages{lost}')
         if self._failure is not None:
             self._status.publish(Level.ERROR, str(self._failure), {})
             # Otherwise the program ends before a subscriber receives the status.
@@ -125,15 +127,16 @@ class Recorder(ManagedNode):
     def _discover(self) -> None:
         for name, topic in self._topics.items():
             publishers = self.get_publishers_info_by_topic(name)
-            types = sorted({publisher.topic_type for publisher in publishers})
+            # With its recorded type, because a restarted publisher may have another one.
+            types = sorted({publisher.topic_type for publisher in publishers} | {topic.type_name} - {''})
             trouble = ''
-            if len(types) == 1:
-                trouble = self._follow(name, types[0], publishers)
-            elif types:
+            if len(types) > 1:
                 trouble = f'{name} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
                 # A channel has one type; a wrong publisher must not end a running recording.
                 if not topic.flow.count:
                     raise BagError(trouble)
+            elif publishers:
+                trouble = self._follow(name, types[0], publishers)
             if trouble and trouble != topic.trouble:
                 self.get_logger().error(trouble)
             topic.trouble = trouble
@@ -149,7 +152,7 @@ class Recorder(ManagedNode):
             offered = [recorded(publisher.qos_profile) for publisher in publishers]
             message_type = message_class(name, type_name)
             if topic.channel < 0:
-                topic.channel = self._bag.add_topic(name, type_name, *offered)
+                topic.channel, topic.type_name = self._bag.add_topic(name, type_name, *offered), type_name
             subscription = self._fetcher.subscribe(name, message_type, weakest(offered, DEPTH))
             self._sync_due.set()  # adds the topic to metadata.yaml
             self.get_logger().info(f'recording {name} [{type_name}]')

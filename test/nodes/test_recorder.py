@@ -181,6 +181,7 @@ def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, n
         wait(lambda: last() == -2.0)
         wait(lambda: 'nobody publishes /nobody yet' in program.output)
         assert program.stop() == 0
+        assert program.wait_for('/lost: ').endswith(' lost')
     assert BagReader(path).closed
 
 
@@ -199,13 +200,24 @@ def test_a_full_disk_is_reported_in_one_sentence_and_leaves_a_closed_bag(observe
 
 
 def test_a_topic_of_two_types_is_reported_in_one_sentence(tmp_path, node, ros):
+    text, changed = '/both is published as std_msgs/msg/Float64 and as std_msgs/msg/String', tmp_path / 'changed'
     # One context allows one type per topic.
     with ros.Context() as context:
         other = ros.create_node('other', context=context)
+        with recorder(changed, '/both') as program:
+            former = node.create_publisher(Float64, '/both', 1)
+            wait_for_subscriptions(former)
+            former.publish(Float64(data=1.0))
+            wait(lambda: recorded(changed) == 1)
+            node.destroy_publisher(former)
+            latter = other.create_publisher(String, '/both', 1)
+            program.wait_for(text)
+            other.destroy_publisher(latter)
+            assert program.stop() == 0
         publishers = [node.create_publisher(Float64, '/both', 1), other.create_publisher(String, '/both', 1)]
         wait(lambda: len(node.get_publishers_info_by_topic('/both')) == len(publishers))
         with recorder(tmp_path / 'bag', '/both') as program:
-            program.wait_for('/both is published as std_msgs/msg/Float64 and as std_msgs/msg/String')
+            program.wait_for(text)
             assert program.process.wait(10) == 1
         other.destroy_node()
     assert BagReader(tmp_path / 'bag').closed
