@@ -13,10 +13,12 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
+from pendubot_identification.errors import BagError
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.recordings.joint_states import JointDecoder
 from pendubot_identification.recordings.mcap_file import Messages
+from pendubot_identification.results.options import as_arguments
 from pendubot_identification.results.track_file import effort_timing, parameters, start_of
 from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
@@ -57,7 +59,7 @@ class Tracker(ManagedNode):
         self._waiting: list[bytes] = []
         self._fetcher = Fetcher(self, lambda _, data, info: self._waiting.append(data))
         self._joint_states = self._fetcher.subscribe('joint_states', JointState, quality(DEPTH, True, False))
-        self._rivals = ''  # names the publishers of joint_states if there are several
+        self._rivals = self._unreadable = ''  # sentences on several publishers, and on messages that are not decoded
         self._first_ns: int | None = None
         self._taken = self._disturbances = 0
         # The published state, the last message about it, and its time on the samples' clock [s].
@@ -122,7 +124,13 @@ class Tracker(ManagedNode):
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
-        stamps, values = self._decode(Messages.of(waiting))
+        try:
+            stamps, values = self._decode(Messages.of(waiting))
+        except BagError as error:
+            self._unreadable = as_arguments(str(error))
+            self.get_logger().error(self._unreadable, throttle_duration_sec=10.0)
+            return
+        self._unreadable = ''
         if self._first_ns is None:
             self._first_ns = int(stamps[0])
         self._taken += len(stamps)
@@ -144,7 +152,7 @@ class Tracker(ManagedNode):
 
     def _publish(self) -> None:
         state = self._tracker.state
-        if self._rivals or state is None:
+        if self._rivals or self._unreadable or state is None:
             self._say(*self._condition(), {})
             return
         if state.t - self._at < 1 / self.get_parameter('rate').value and state.t >= self._at:
@@ -167,8 +175,8 @@ class Tracker(ManagedNode):
     def _condition(self) -> tuple[Level, str]:
         """Return the level of the estimate and a sentence."""
         state = self._tracker.state
-        if self._rivals:
-            return Level.ERROR, self._rivals
+        if trouble := self._rivals or self._unreadable:
+            return Level.ERROR, trouble
         if state is None:
             return Level.WARN, self._tracker.waiting
         return state.level, '; '.join(state.warnings) or 'tracked'

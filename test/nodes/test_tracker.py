@@ -38,6 +38,12 @@ class Rig(Observer):
             self.samples.publish(message)
             self.sent += 1
 
+    def sends_unreadable(self):
+        """Return whether samples without the joints of the rig are reported at level ERROR."""
+        self.samples.publish(JointState(name=['arm', 'wrist'], position=[0.0, 0.0], effort=[0.0, 0.0]))
+        last = self.quality[-1:] + self.statuses[-1:]
+        return len(last) == 2 and all(each.level == ERROR and 'joint_names' in each.message for each in last)
+
     def shows(self, true):
         """Return whether the last published parameters are accurate, with their quality published."""
         if not self.params or 'P1' not in values(self.quality[-1]):
@@ -81,6 +87,7 @@ def test_current_parameters_are_published_in_the_trackers_namespace(rig):
         assert rig.call(SetBool, 'tracker/hold', data=False).success
         rig.until(lambda: rig.quality and NEEDED in rig.quality[-1].message)
         assert not rig.node.count_publishers('/pendubot/params')
+        rig.until(rig.sends_unreadable)
         assert tracker.stop() == 0
 
 
