@@ -107,8 +107,8 @@ class Computation:
             if self.stopped:
                 process.kill()
             try:
-                process.stdin.write(pickle.dumps(request))
-                process.stdin.flush()
+                # Without a buffer, whose flush at the end of the context would fail again if the process was killed.
+                os.write(process.stdin.fileno(), pickle.dumps(request))
                 while isinstance(answer := pickle.load(process.stdout), tuple):
                     progress(*answer)
             except (EOFError, OSError, pickle.UnpicklingError):

@@ -12,9 +12,12 @@ import pytest
 import yaml
 from std_srvs.srv import Trigger
 
+from pendubot_identification.errors import PendubotError
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.recordings.joint_states import write_trajectory
+from pendubot_identification.results.computation import Computation
+from pendubot_identification.results.options import settings_of
 from test.nodes.conftest import FAST
 from test.nodes.observer import Observer, values
 from test.processes import Program, parameters
@@ -93,6 +96,14 @@ def test_progress_is_published_and_also_a_result_that_cannot_be_written(ros, bag
         client.identify()
         program.wait_for('energy: MDE')
         assert program.stop() == 0, 'a signal must cancel a running computation'
+
+
+def test_an_identification_that_is_canceled_at_once_is_reported_as_canceled():
+    for _ in range(20):
+        computation = Computation()
+        computation.stop()
+        with pytest.raises(PendubotError, match='the identification was canceled'):
+            computation.run(['bag'], [], settings_of({}), print)
 
 
 @pytest.fixture(scope='module')
