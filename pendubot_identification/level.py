@@ -3,6 +3,7 @@
 
 """The severity levels of results and diagnoses."""
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -27,3 +28,11 @@ class Diagnosis:
     level: Level
     message: str
     values: dict[str, str]
+
+
+def number(text: str | None) -> float:
+    """Return a value of a status as a number; NaN if it is missing or no number."""
+    try:
+        return float(text) if text is not None else math.nan
+    except ValueError:
+        return math.nan

@@ -69,8 +69,11 @@ class Balancing:
             if self.phase is Phase.IDLE:
                 self.plan = None
             return None
+        if wanted == self._refused:
+            return None
+        self.obstacle = ''
         plan = self._coming or self.plan
-        if wanted == self._refused or (plan is not None and wanted == (plan.design.parameters, plan.design.loop)):
+        if plan is not None and wanted == (plan.design.parameters, plan.design.loop):
             return None
         if self.phase is not Phase.IDLE and plan is not None:
             # The loop is constant during a motion.

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pendubot_identification.errors import ControlError
-from pendubot_identification.level import Level
+from pendubot_identification.level import Level, number
 from pendubot_identification.model.parameters import NAMES, Parameters
 
 from .linear_control import Loop
@@ -79,31 +79,24 @@ class Readiness:
         lag = self._assessed(accept_warn)
         if self._period is None:
             raise ControlError('too few samples were received on joint_states to know their rate; start the bridge')
-        if self._motor_delay is not None:
-            lag = self._motor_delay
-        return parameters, Loop(self._period, lag, min(self._limit, self._board_limit))
+        if not (limit := min(self._limit, self._board_limit)) > 0:
+            raise ControlError(f'the bridge limits torques to {limit:g} N m; raise its torque_limit')
+        return parameters, Loop(self._period, lag if self._motor_delay is None else self._motor_delay, limit)
 
     def _assessed(self, accept_warn: bool) -> float:
         """Return the motor delay [s], 0 if unknown; raise ControlError if the quality is too low or unknown."""
         how = 'set the parameter accept_warn to true to use them nevertheless'
         for level, message, values in reversed(self._assessments):
-            if tuple(_number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
+            if tuple(number(values.get(name)) for name in NAMES[: len(self._theta)]) != self._theta:
                 continue
             if level is Level.ERROR:
                 raise ControlError(f'the parameters are of level ERROR ({message}); record and identify again')
             if level is Level.WARN and not accept_warn:
                 raise ControlError(f'the parameters are of level WARN ({message}); {how}')
-            delay = _number(values.get('effort.delay'))
+            delay = number(values.get('effort.delay'))
             return max(0.0, delay) if math.isfinite(delay) else 0.0
         if not accept_warn:
             raise ControlError(
                 f'the quality of the parameters on pendubot/params is not on pendubot/identification; {how}'
             )
         return 0.0
-
-
-def _number(text: str | None) -> float:
-    try:
-        return float(text) if text is not None else math.nan
-    except ValueError:
-        return math.nan

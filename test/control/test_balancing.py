@@ -63,9 +63,16 @@ def test_the_period_is_estimated_despite_skipped_samples():
 
 
 def test_missing_or_poor_inputs_are_named():
+    balancing = Balancing(2.0)
+    assert balancing.to_prepare(False) is None
+    with pytest.raises(ControlError, match='no parameters were received'):
+        balancing.begin()
+    balancing.readiness = informed()
+    assert balancing.to_prepare(False)
     with pytest.raises(ControlError, match='being designed'):
-        Balancing(2.0).begin()
-    unsampled, other = Readiness(2.0), informed()
+        balancing.begin()
+    unsampled, other, limited = Readiness(2.0), informed(), informed()
+    limited.board_limit(0.0)
     unsampled.offer(THETA)
     other.offer([1.01 * value for value in THETA])
     for readiness, accept_warn, words in (
@@ -75,6 +82,7 @@ def test_missing_or_poor_inputs_are_named():
         (informed(level=Level.WARN), False, r'level WARN \(low quality\); set the parameter accept_warn'),
         (informed(level=Level.ERROR), True, r'level ERROR \(low quality\)'),
         (other, False, 'the quality of'),
+        (limited, False, 'the bridge limits torques to 0 N m'),
     ):
         with pytest.raises(ControlError, match=words):
             readiness.ready(accept_warn)
