@@ -183,7 +183,10 @@ class Studio:
         """Run a task in a separate process, which does the next one if this one succeeds."""
         session = self._session(request)
         task = {'task': request.match_info['task'], 'folder': str(session.folder), 'no_space': NO_SPACE}
-        job = _job(session, await request.json()) | task
+        try:
+            job = _job(session, await request.json()) | task
+        except (ValueError, TypeError, AttributeError, KeyError) as error:
+            raise PendubotError('the request lacks bags, validate or options; load the page again') from error
         worker, self._spare = self._spare or self.prepare(), None
         process = await worker
         assert process.stdin is not None
@@ -314,8 +317,9 @@ def serve(files: Sequence[str], port: int, *, browser: bool, debug: bool) -> Non
     given = given_recordings(files)
     try:
         sock = socket.create_server(('127.0.0.1', port))
-    except OSError as error:
-        raise PendubotError(f'port {port} cannot be opened ({error.strerror}); leave out --port') from error
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, 'strerror', error)
+        raise PendubotError(f'port {port} cannot be opened ({reason}); leave out --port') from error
     studio = Studio(given, sock.getsockname()[1], debug=debug)
 
     async def announce(_: web.Application) -> None:
