@@ -3,6 +3,7 @@
 
 """``balancer``: swings the rig up and balances it, with the parameters on pendubot/params as its only model."""
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -21,7 +22,7 @@ from pendubot_identification.control.controller import SafetyLimits
 from pendubot_identification.control.linear_control import Loop
 from pendubot_identification.control.plan import Plan
 from pendubot_identification.errors import ControlError, PendubotError
-from pendubot_identification.level import Level
+from pendubot_identification.level import Level, number
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.setting import Setting
 
@@ -134,9 +135,9 @@ class Balancer(SettingsNode):
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
-            limit = {pair.key: pair.value for pair in status.values}.get('torque limit [N m]')
-            if status.name == self._driver.bridge.lstrip('/') and limit is not None:
-                self._balancing.readiness.board_limit(float(limit))
+            limit = number({pair.key: pair.value for pair in status.values}.get('torque limit [N m]'))
+            if status.name == self._driver.bridge.lstrip('/') and not math.isnan(limit):
+                self._balancing.readiness.board_limit(limit)
 
     async def _on_start(self) -> tuple[bool, str]:
         if rivals := self._driver.rivals() or self._rivals():

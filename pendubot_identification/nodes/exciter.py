@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.level import number
 from pendubot_identification.setting import Setting
 
 from .ownership import Driver, name_rivals
@@ -115,7 +116,7 @@ class Exciter(SettingsNode):
                 return
             values = {value.key: value.value for value in status.values}
             # From a recorder; 0 before the recorder receives the topic.
-            if float(values.get(f'{self._joint_states.topic_name} rate [Hz]', 0.0)) > 0.0:
+            if number(values.get(f'{self._joint_states.topic_name} rate [Hz]')) > 0.0:
                 self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
             if status.name == self._driver.bridge.lstrip('/') and 'armed' in values:
                 self._armed = values['armed'] == 'True'

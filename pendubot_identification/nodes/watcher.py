@@ -11,7 +11,6 @@ import json
 import math
 import time
 from collections import deque
-from contextlib import suppress
 from typing import Any
 
 import rclpy
@@ -25,7 +24,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pendubot_identification.errors import ControlError, sentence
-from pendubot_identification.level import NORMAL_95, Level
+from pendubot_identification.level import NORMAL_95, Level, number
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from .messages import LATCHED, joint_sample
@@ -71,7 +70,8 @@ class Watcher(Node):
         """Return the present state of the rig."""
         state: dict[str, Any] = {'parameters': self._named(), 'level': '', 'message': self._problem}
         if self._status is not None:
-            state |= {'level': Level(self._status.level[0]).name, 'message': self._problem or self._status.message}
+            level = Level(min(2, self._status.level[0])).name
+            state |= {'level': level, 'message': self._problem or self._status.message}
         if self._sample is not None and time.monotonic() - self._arrivals[-1] < STALE:
             t, q, effort = self._sample
             duration = self._arrivals[-1] - self._arrivals[0]
@@ -84,9 +84,7 @@ class Watcher(Node):
         values = {pair.key: pair.value for pair in self._status.values} if self._status is not None else {}
         entries = []
         for name, value in self._theta.items():
-            half = math.nan
-            with suppress(KeyError, ValueError):  # 'None' if it is unknown
-                half = NORMAL_95 * float(values[f'{name}.std_error'])
+            half = NORMAL_95 * number(values.get(f'{name}.std_error'))
             interval = half if math.isfinite(half) else None
             if math.isfinite(value):
                 entries.append({'name': name, 'value': value, 'half': interval, 'unit': values.get(f'{name}.unit')})

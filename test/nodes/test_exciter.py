@@ -131,8 +131,9 @@ def test_the_exciter_waits_for_the_first_sample_and_stops_when_samples_cease(ros
     """One node stands in for two bridges in namespaces; the first is armed."""
     node, torques, arm_calls = ros.create_node('bridges'), [], []
     diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-    status = DiagnosticStatus(name='armed/bridge', values=[KeyValue(key='armed', value='True')])
-    node.create_timer(0.1, lambda: diagnostics.publish(DiagnosticArray(status=[status])))
+    status = [DiagnosticStatus(name='armed/bridge', values=[KeyValue(key='armed', value='True')])]
+    status += [DiagnosticStatus(values=[KeyValue(key='/armed/joint_states rate [Hz]', value='unknown')])]
+    node.create_timer(0.1, lambda: diagnostics.publish(DiagnosticArray(status=status)))
     node.create_service(Trigger, '/arming/bridge/arm', lambda _, answer: arm_calls.append(1) or answer)
     samples = {name: node.create_publisher(JointState, f'/{name}/joint_states', 10) for name in ('armed', 'arming')}
     node.create_subscription(Float64, '/armed/pendubot/effort_command', lambda m: torques.append(m.data), 100)

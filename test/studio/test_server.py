@@ -247,9 +247,11 @@ def test_on_a_full_disk_the_message_has_a_remedy_and_no_private_path(tmp_path):
     assert str(tmp_path) not in message
 
 
-def test_a_missing_recording_on_the_command_line_is_reported(tmp_path, refused):
+def test_a_missing_recording_and_an_invalid_port_on_the_command_line_are_reported(tmp_path, refused):
     line = refused('studio', tmp_path / 'none.csv', '--no-browser')
     assert line == f'pendubot: there is no recording {tmp_path / "none.csv"}; check its name and folder'
+    line = refused('studio', '--no-browser', '--port', '70000')
+    assert line.startswith('pendubot: port 70000 cannot be opened (')
 
 
 def test_unknown_options_and_recordings_are_refused(page):
@@ -257,6 +259,10 @@ def test_unknown_options_and_recordings_are_refused(page):
         answer = page.post('check', 'paper_experiment', **wrong)
         assert answer.status == 400
         assert re.search('there is no (option|recording)', answer.read().decode())
+    for body in ('{', '[]', '{"bags": [1]}'):
+        answer = page.studio.request('POST', f'{page.path}check', body)
+        assert answer.status == 400
+        assert answer.read().decode().endswith('; load the page again')
     assert page.post('check', '/etc/passwd').status == 400
     assert 'is expected' in page.do('check', 'paper_experiment', gear='x')['problem']['sentence']
     assert 'is expected' in page.do('identify', 'paper_experiment', bounds='b2')['problem']['sentence']
@@ -265,6 +271,10 @@ def test_unknown_options_and_recordings_are_refused(page):
 
 @pytest.mark.ros
 def test_the_running_rig_is_relayed_by_a_node_that_ends_with_the_page(studio, ros):
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    from pendubot_identification.nodes.messages import LATCHED
+
     with Program(Path(__file__).with_name('publisher.py')):
         answer = studio.request('GET', 'live')
         while 'q' not in (line := json.loads(answer.readline())) or not (line['parameters'] and line['level']):
@@ -277,6 +287,10 @@ def test_the_running_rig_is_relayed_by_a_node_that_ends_with_the_page(studio, ro
         assert line['parameters'][0] == pytest.approx({'name': 'P1', 'value': 0.001, 'half': 1.96e-5, 'unit': 'kg m^2'})
         node = ros.create_node('looker')
         try:
+            stale = DiagnosticArray(status=[DiagnosticStatus(level=DiagnosticStatus.STALE)])
+            node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED).publish(stale)
+            while json.loads(answer.readline())['level'] != 'ERROR':
+                pass
             watcher = 'watcher', '/'
             assert spin_until(node, lambda: watcher in node.get_node_names_and_namespaces())
             answer.close()
