@@ -300,7 +300,7 @@ def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, lis
     """
     found, last = list[DetectedEffect](), part
     for each, problem in find_effects(part.rough, EffectSettings(share=best.data.searched)):
-        accepted = each.accepted or _nearly_exact(part.data, problem)
+        accepted = each.accepted or bool((torque_noise(part.data, problem).min(axis=0) < 10).all())
         if accepted:
             try:
                 extended = Fits.of(part.data, problem, progress)
@@ -500,10 +500,10 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
             intervals = intervals[:-1]
 
 
-def _nearly_exact(data: TrainingData, problem: Problem) -> bool:
-    """Return whether the torque noise is so small that all samples should be fitted."""
-    noise = np.exp(problem.fit.x[problem.likelihood.shared :].reshape(-1, 4)[:, 2:].min(axis=0))
-    return bool((noise / math.sqrt(0.1) < 10 * np.array(SETTINGS.quiet) * _effort(data)).all())
+def torque_noise(data: TrainingData, problem: Problem) -> Array:
+    """Return the torque noise of each recording over the limit of an exact rig, shape (R, 2)."""
+    noise = np.exp(problem.fit.x[problem.likelihood.shared :].reshape(-1, 4)[:, 2:])
+    return np.asarray(noise / math.sqrt(0.1) / (np.array(SETTINGS.quiet) * _effort(data)))
 
 
 def _exact_fit(
@@ -513,7 +513,7 @@ def _exact_fit(
 
     The start is the fit of all intervals, or the exact fit of an excerpt.
     """
-    if not _nearly_exact(data, all_intervals):
+    if not (torque_noise(data, all_intervals).min(axis=0) < 10).all():
         return None
     quiet = np.array(SETTINGS.quiet) * _effort(data)
     at = all_intervals.likelihood.shared

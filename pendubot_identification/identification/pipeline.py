@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From motions to parameters: prepare, check conventions, fit, check residuals, validate, assess."""
+"""From motions to parameters: prepare, check conventions, fit, validate, assess."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from .estimate import Progress
 from .fitting import TrainingData, fit_composite
 from .identification import Identification, Run
 from .prediction import folds
-from .residuals import remaining_faults, remarks, validation_remarks
+from .residuals import remaining_faults, remarks
 from .settings import Settings
 from .validation import validated
 
@@ -51,8 +51,7 @@ def identify(
     prepared = _prepare(training, validation, settings or Settings(), notes, report)
     checked = _check_conventions(prepared, report)
     fitted = _fit(checked, report)
-    tested = _check_residuals(fitted, report)
-    return _assess(_validate(tested, report))
+    return _assess(_validate(fitted, report))
 
 
 def check(
@@ -108,24 +107,16 @@ def _fit(run: Run, report: Progress) -> Run:
     return replace(run, data=composite.data, composite=composite, faults=faults)
 
 
-def _check_residuals(run: Run, report: Progress) -> Run:
-    """Add the findings of the innovations: effects, disturbances, recordings that contradict each other."""
-    if run.composite is None:
-        return run
-    report('checking the consistency of recordings', 0, 0, math.nan)
-    found = remarks(run.composite, run.sound, {fault.name for fault in run.faults})
-    return replace(run, remarks=(*run.remarks, *found))
-
-
 def _validate(run: Run, report: Progress) -> Run:
-    """Compute the estimate of each criterion, with its prediction of validation data."""
+    """Compute the estimate of each criterion, with its prediction of validation data, and check residuals."""
     motions = [Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions]
     split = replace(run, folds=() if motions else tuple(folds(run.data.motions)))
     answers = (validated(criterion, split, motions, report) for criterion in run.criteria)
     # Zeros of single recordings would compensate a common fault.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
-    disturbances = validation_remarks(run.composite, motions) if run.composite is not None and run.sound else ()
-    return replace(split, estimates=estimates, remarks=(*run.remarks, *disturbances))
+    named = {fault.name for fault in run.faults}
+    found = () if run.composite is None else remarks(run.composite, motions, run.sound, named)
+    return replace(split, estimates=estimates, remarks=(*run.remarks, *found))
 
 
 def _assess(run: Run) -> Identification:

@@ -21,7 +21,7 @@ from .catalogue import compensated
 from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
 from .estimate import Zeros
 from .fitting import SETTINGS as FITTING
-from .fitting import Composite, with_fitted_noise
+from .fitting import Composite, torque_noise, with_fitted_noise
 from .selection import Problem
 from .settings import Settings
 
@@ -43,6 +43,10 @@ class ResidualSettings:
 
 
 SETTINGS = ResidualSettings()
+WORSE = (
+    'the parameters do not explain the validation data to the quantization level, as they do the training data; check '
+    'that all recordings are of one rig, with the same signs and zeros'
+)
 
 
 def remaining_faults(faults: tuple[Fault, ...], answer: Composite, settings: Settings) -> tuple[Fault, ...]:
@@ -58,14 +62,13 @@ def remaining_faults(faults: tuple[Fault, ...], answer: Composite, settings: Set
     return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
 
-def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[str]:
+def remarks(answer: Composite, validation: Sequence[Motion], sound: bool, named: Collection[str]) -> Iterator[str]:
     """Yield findings for the user; ``sound``: signs, order and zeros are right; ``named``: the recordings' faults."""
     yield from (found.sentence for found in answer.effects if found.name not in named)
+    if sound:
+        yield from _of_validation(answer, validation)
     if sound and not answer.exact:
         yield from disturbances(answer.rough)
-    if sound:
-        motions = [compensated(motion, answer.effects, answer.delay) for motion in answer.data.excerpt().motions]
-        yield from contradictions(motions, answer.model, answer.delay, answer.data.settings.box(answer.model))
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
         yield (
@@ -74,14 +77,21 @@ def remarks(answer: Composite, sound: bool, named: Collection[str]) -> Iterator[
         )
 
 
-def validation_remarks(answer: Composite, motions: Sequence[Motion]) -> Iterator[str]:
-    """Yield the disturbances of validation recordings, which their prediction errors include."""
-    actual = [compensated(m, answer.effects, answer.delay) for m in motions if m.end - m.start > FITTING.shortest]
+def _of_validation(answer: Composite, motions: Sequence[Motion]) -> Iterator[str]:
+    """Yield contradictions of all recordings, disturbances of those for validation, or else that they fit worse."""
+    data, model, delay = answer.data, answer.model, answer.delay
+    training = [compensated(m, answer.effects, delay) for m in data.excerpt().motions]
+    actual = [compensated(m, answer.effects, delay) for m in motions if m.end - m.start > FITTING.shortest]
+    found = list(contradictions([*training, *actual], model, delay, data.settings.box(model)))
     try:
         if actual:
-            yield from disturbances(with_fitted_noise(actual, answer.theta, answer.delay, answer.data.settings))
+            problem = with_fitted_noise(actual, answer.theta, delay, data.settings)
+            found += disturbances(problem)
+            if answer.exact and not found and (torque_noise(data, problem) > 1).any():
+                found = [WORSE]
     except TrajectoryError as error:
-        yield str(error)
+        found.append(str(error))
+    yield from found
 
 
 def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:
@@ -102,7 +112,8 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: 
         return
     found = f'{motions[odd].name} contradicts the other recordings'
     if len(motions) == 2:
-        found = f'{motions[0].name} and {motions[1].name} contradict each other'
+        one, other = (motion.name for motion in motions)
+        found = f'{"both parts of " + one if one == other else f"{one} and {other}"} contradict each other'
     yield (
         f'{found}: common parameters leave {common / max(separate[odd], 1e-300):.2g} times the squared residual of '
         'separate ones; check that all recordings are of one rig, with the same signs and zeros'

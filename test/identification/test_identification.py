@@ -107,6 +107,19 @@ def test_suspicious_recordings_and_results_give_warnings(motions, settings, sent
     assert 'the bag was never closed' in result.warnings
 
 
+@pytest.mark.parametrize(
+    ('rig', 'zero', 'sentence'),
+    [(ANOTHER, 0.0, 'both parts of one contradict each other'), (PAPER, 0.03, 'do not explain the validation data')],
+)
+def test_validation_data_of_another_rig_or_with_another_zero_are_reported(rig, zero, sentence):
+    """The training data alone give level OK."""
+    training, other = (recording(900, seed=k, rig=each, name='one') for k, each in enumerate((PAPER, rig)))
+    assert identify([training], [recording(900, seed=2, name='one')], LIKELIHOOD).level is Level.OK
+    result = identify([training], [replace(other, q=other.q + np.array([0, zero]))], LIKELIHOOD)
+    assert result.level is Level.WARN
+    assert sentence in result.warnings[0]
+
+
 def test_the_smallest_model_that_describes_the_rig_is_selected():
     """Dry friction at both joints, and a rotor on the elbow."""
     rig = replace(PAPER, Fc1=0.02, Fc2=0.0005, J2=0.0004)
