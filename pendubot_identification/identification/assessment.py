@@ -196,7 +196,7 @@ def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
     theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES[: len(e.theta)])
     # Friction of one kind may be zero in a model with several.
     matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
-    if e.determined[:3].all() and not (e.fixed[3:5] | (e.intervals[3:5, 0] > 0)).any():
+    if (e.intervals[:3, 0] > 0).all() and not (e.fixed[3:5] | (e.intervals[3:5, 0] > 0)).any():
         matters[3:5] = False
         yield (
             'the 95 % intervals of P4 and P5 reach 0: gravity hardly acts on this motion; fix both at 0 if both axes '

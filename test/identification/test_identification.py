@@ -3,7 +3,7 @@
 
 """The complete identification of simulated and real motions, good and poor."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -118,6 +118,14 @@ def test_validation_data_of_another_rig_or_with_another_zero_are_reported(rig, z
     result = identify([training], [replace(other, q=other.q + np.array([0, zero]))], LIKELIHOOD)
     assert result.level is Level.WARN
     assert sentence in result.warnings[0]
+
+
+def test_wide_intervals_of_two_rigs_are_not_explained_by_missing_gravity():
+    heavier = Parameters(**{name: 1.3 * value for name, value in asdict(PAPER).items()})
+    result = identify([recording(900, name='one'), recording(900, seed=2, rig=heavier, name='two')], [], LIKELIHOOD)
+    assert result.best.determined[:5].all()
+    assert 'one and two contradict each other' in result.warnings[0]
+    assert 'gravity' not in ' '.join(result.warnings)
 
 
 def test_the_smallest_model_that_describes_the_rig_is_selected():
