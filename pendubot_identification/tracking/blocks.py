@@ -32,7 +32,7 @@ from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import GRAVITY, acceleration_derivatives, dry_friction_terms
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import LONGEST_GAP
-from pendubot_identification.trajectories.trajectory import Trajectory
+from pendubot_identification.trajectories.trajectory import LARGEST, Trajectory
 
 Rows = tuple[Array, Array, Flags]
 
@@ -130,8 +130,8 @@ class Samples:
         self.notes = {**self.notes, fault: self.notes.get(fault, 0) + count}
 
     def _usable(self, samples: Array) -> Flags:
-        """Return which samples are finite and later than all earlier ones; count the others."""
-        usable: Flags = np.asarray(np.isfinite(samples).all(axis=1))
+        """Return which samples are numbers below the limit and later than all earlier ones; count the others."""
+        usable: Flags = np.asarray((np.abs(samples) < LARGEST).all(axis=1))
         if not usable.all():
             self._note('a number that is not finite', int((~usable).sum()))
         t, latest = samples[:, 0], self.newest[-1, 0] if len(self.newest) else -np.inf

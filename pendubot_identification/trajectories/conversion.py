@@ -27,7 +27,7 @@ from .conventions import (
     TORQUE_UNITS,
     current_name,
 )
-from .trajectory import Trajectory
+from .trajectory import LARGEST, Trajectory
 
 #: Quantities that can be negated or have an offset.
 QUANTITIES = ('q1', 'q2', 'tau1', 'tau2')
@@ -185,7 +185,7 @@ class Conversion:
         """Return the motion of samples, t in seconds. May raise TrajectoryError."""
         if self.skip_missing:
             values = np.column_stack([t, q, tau] if qd is None else [t, q, tau, qd])
-            complete = np.isfinite(values).all(axis=1)
+            complete = (np.abs(values) < LARGEST).all(axis=1)
             t, q, tau, qd = t[complete], q[complete], tau[complete], None if qd is None else qd[complete]
         if self.unwrap:
             q = np.unwrap(q, period=self.turn, axis=0)

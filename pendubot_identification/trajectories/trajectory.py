@@ -14,6 +14,8 @@ from pendubot_identification.errors import TrajectoryError
 
 #: Fewest samples for seven parameters after smoothing, with residuals for their uncertainty.
 MINIMUM_SAMPLES = 50
+#: Values must be smaller, so that sums of their squares are finite.
+LARGEST = 1e150
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +23,7 @@ class Trajectory:
     """Samples of one motion, in the order of time.
 
     Raises:
-        TrajectoryError: shapes disagree, a value is not finite, or stamps do not increase.
+        TrajectoryError: shapes disagree, a value is not finite or too large, or stamps do not increase.
     """
 
     t: Array  #: time [s], shape (N,), strictly increasing.
@@ -37,11 +39,12 @@ class Trajectory:
                 continue
             if values.shape != (n, 2):
                 raise TrajectoryError(f'{self.name}: {label} has shape {values.shape}; ({n}, 2) is expected')
-            bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+            bad = np.flatnonzero(~(np.abs(values) < LARGEST).all(axis=1))
             if bad.size:
                 raise TrajectoryError(
-                    f'{self.name}: {bad.size} of {n} samples hold a {label} that is not a finite number, the first at '
-                    f'{self.t[bad[0]]:.3f} s; choose a window without them, or leave them out: add --skip-missing',
+                    f'{self.name}: {bad.size} of {n} samples hold a {label} that is not a number below {LARGEST:g}, '
+                    f'the first at {self.t[bad[0]]:.3f} s; choose a window without them, or leave them out: add '
+                    '--skip-missing',
                     skip_missing='true',
                 )
         if not np.isfinite(self.t).all():

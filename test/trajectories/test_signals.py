@@ -119,8 +119,9 @@ UNKNOWN = np.where(np.arange(200).reshape(100, 2) == 61, np.nan, 0.0)
         ({'q': np.zeros((99, 2))}, r'q has shape \(99, 2\)'),
         ({'t': [0, np.inf]}, 'a stamp is not a finite number'),
         *(
-            ({name: UNKNOWN}, f'a {name} that is not a finite number, the first at 0.300 s')
+            ({name: values}, rf'a {name} that is not a number below 1e\+150, the first at 0.300 s')
             for name in ('q', 'tau', 'qd')
+            for values in (UNKNOWN, -1e300 * np.isnan(UNKNOWN))
         ),
     ],
 )
