@@ -146,6 +146,8 @@ def _explained(
             x = pooled.minimum(_fixed(bounds, present))
             if math.sqrt(pooled(x)) < settings.unmodelled:
                 return tried, blocks, x, present
+            if Parameters.from_vector(x[:-4]).unphysical():
+                break
             tried = replace(tried, theta=x[:-4], dead_zone=max(float(x[-1]), 0.0))
             blocks = _moving_blocks(motion, tried, settings)
     return segment, plain, _pooled(plain).minimum(_fixed(bounds, ())), ()

@@ -304,6 +304,14 @@ def test_parameters_are_physical_and_not_ok_for_meaningless_samples(rigs, seed, 
     assert tracker.waiting or tracker.state.level is not Level.OK
 
 
+def test_samples_of_two_publishers_in_turn_are_not_ok():
+    """The first motion alone would give parameters with a singular mass matrix."""
+    takes = with_effects([1, 2], [Rig(), Rig()])
+    each = [np.column_stack([take.t + 0.0025 * k, take.q, take.tau, 0 * take.t]) for k, take in enumerate(takes)]
+    tracker, _, _ = track(np.stack(each, axis=1).reshape(-1, 5))
+    assert tracker.waiting or tracker.state.level is not Level.OK
+
+
 @pytest.mark.parametrize(('factor', 'reason'), [(0.0, 'the torque does no work'), (-1.0, 'has the wrong sign')])
 def test_parameters_do_not_vanish_with_a_lost_or_reversed_torque(rigs, factor, reason):
     samples = rigs['nothing'].copy()
