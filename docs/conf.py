@@ -5,7 +5,7 @@
 
 import re
 
-project = 'pendubot_identification'
+project = 'pendubot identification'
 author = copyright = 'The pendubot_identification authors'
 extensions = ['myst_parser', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon']
 myst_heading_anchors = 3
@@ -13,7 +13,12 @@ highlight_language = 'none'
 autodoc_member_order = 'bysource'
 autodoc_type_aliases = {name: name for name in ('Array', 'ArrayLike', 'File')}
 html_theme = 'alabaster'
-html_theme_options = {'page_width': '1100px'}
+html_theme_options = {
+    'page_width': 'min(1260px, 96%)',
+    'sidebar_width': '240px',
+    'body_max_width': 'none',
+    'code_font_size': '0.75em',
+}
 
 
 def _adapt_links(text: str, folder: str) -> str:
