@@ -85,7 +85,7 @@ def _table(last: State, track: Track) -> Table:
             strict=True,
         )
     ]
-    return Table(['', f'at {last.t:.0f} s', '95 % +-', 'unit', f'at {first.t:.0f} s'], rows)
+    return Table(['', f'at {last.t:.0f} s', '95 % ±', 'unit', f'at {first.t:.0f} s'], rows)
 
 
 def _events(tracker: Tracker, track: Track) -> list[str]:

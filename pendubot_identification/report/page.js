@@ -71,7 +71,7 @@
     const head = element('div', box, '', { className: 'head' });
     element('b', head, data.label);
     const panel = { extent, data };
-    panel.outputs = data.lines.filter((line) => line.style !== 'dots').map((line) => [
+    panel.outputs = data.lines.filter(({ style }) => style !== 'dots' && style !== 'band').map((line) => [
       line, element('output', legend(head, line.colour, line.label)),
     ]);
     panel.fit = element('b', head, '', { className: 'fit' });

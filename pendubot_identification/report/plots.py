@@ -336,7 +336,7 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
         usual = np.isfinite(low) & (np.arange(len(t)) >= len(t) // 20)
         shown = (low[usual].min(), high[usual].max()) if usual.any() else (0.0, 0.0)
         margin = 0.1 * (shown[1] - shown[0])
-        lines = [Line('95 %', [low], COLOURS[0], style='band', upper=[high]), Line(name, [theta[:, k]], COLOURS[0])]
+        lines = [Line('', [low], COLOURS[0], style='band', upper=[high]), Line(name, [theta[:, k]], COLOURS[0])]
         within = (shown[0] - margin, shown[1] + margin) if margin > 0 else None
         panels.append(Panel(name, UNITS[k], [t], lines, within))
     panels.append(Panel('unexplained', 'N m', [t], [Line('', [np.array([s.unexplained for s in states])], MEASURED)]))

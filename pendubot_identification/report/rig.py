@@ -33,7 +33,7 @@ def proportions(result: Result) -> tuple[float, float, str]:
     return (
         l1,
         l2,
-        f'Drawn to scale: link 1 is {100 * l1:.3g} cm long ({origin}), link 2 {100 * l2:.3g} cm if it is a uniform rod '
+        f'Drawn to scale: link 1 is {100 * l1:.3g} cm long ({origin}), link 2 as a uniform rod {100 * l2:.3g} cm '
         '(3/2 P2 / P5).',
     )
 
