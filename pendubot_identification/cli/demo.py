@@ -161,8 +161,8 @@ def _identify(rclpy: Any, folder: Path) -> None:
     print(f'a subscriber that joined afterwards received /pendubot/params ({late.parameters}): {result.criterion}\n')
     print(tables.comparison_table(result, asdict(PAPER)).text(), tables.summary(result), sep='\n\n')
     print(
-        f'\nThe first {PAPER_RIG.samples // 2} samples estimate, the others validate. Encoder counts and central '
-        'differences\nmove the minimum of energy away from the truth; MDE finds that minimum exactly.\n'
+        f'\nThe first {PAPER_RIG.samples // 2} samples are for training, the others for validation. Encoder counts\n'
+        'and central differences move the minimum of energy away from the truth; MDE finds that minimum exactly.\n'
         f'\ntry: {sys.argv[0]} identify {bag}'
     )
 

@@ -34,17 +34,22 @@ class Finding:
 
 
 def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings) -> list[Finding]:
-    """Return at least one finding of each check, in the order of the checks."""
+    """Return the findings, in the order of the checks: all errors and warnings, and one ``OK`` of each passed check.
+
+    After an error of a check the checks that depend on it are omitted.
+    """
     try:
         data = load(settings.reading)
     except PendubotError as error:
         return [Finding('reading', Level.ERROR, str(error), error.remedy)]
     training, validation = (sum(map(len, part)) for part in (data.training, data.validation))
-    validated = f'{validation} samples validate' if validation else 'each part is predicted from the others'
+    validated = f'{validation} for validation' if validation else 'each part is predicted from the others'
     read = [Finding('reading', Level.WARN, note) for note in data.notes] or [
-        Finding('reading', Level.OK, f'{training} samples estimate, {validated}')
+        Finding('reading', Level.OK, f'{training} samples for training, {validated}')
     ]
-    return [*read, *_of_samples([*data.training, *data.validation]), *_of_motion(data, settings)]
+    found = [*read, *_of_samples([*data.training, *data.validation]), *_of_motion(data, settings)]
+    failed = {finding.check for finding in found if finding.level > Level.OK}
+    return [finding for finding in found if finding.level > Level.OK or finding.check not in failed]
 
 
 def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
@@ -62,10 +67,8 @@ def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
         'limits': f'torques up to {torque:.3g} N m and speeds up to {speed:.3g} rad/s, without clipping',
     }
     for name, checks in CHECKS.items():
-        warnings = [sentence for motion in motions for each in checks for sentence in each(motion)]
-        yield from (Finding(name, Level.WARN, sentence) for sentence in warnings)
-        if not warnings:
-            yield Finding(name, Level.OK, passed[name])
+        yield from (Finding(name, Level.WARN, text) for motion in motions for each in checks for text in each(motion))
+        yield Finding(name, Level.OK, passed[name])
 
 
 def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:

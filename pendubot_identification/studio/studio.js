@@ -179,7 +179,7 @@ function recordings() {
     placeholder="${key}" aria-label="${key} of ${file.name} in seconds" data-set="${key}:${k}">`;
   const list = state.files.map((file, k) => html`<li><strong>${file.name}</strong>
     ${select(`role:${k}`, `role of ${file.name}`, file.role,
-      [['estimate', 'estimates'], ['validate', 'only validates']])}
+      [['estimate', 'training'], ['validate', 'validation']])}
     <span class="row">${window(file, k, 'start')} – ${window(file, k, 'end')} <small>s</small></span>
       ${button(`remove:${k}`, 'Remove', 'plain')}</li>`);
   const lead = 'Motion of both joints and the torque of the motor. Files stay on this computer.';
@@ -191,8 +191,8 @@ function recordings() {
       <div class="row">${button('pick:files', 'Choose files')}${button('pick:folder', 'Choose a bag’s folder')}
         ${button('sample', 'Try the sample recording', 'plain')}</div></div>
     <ul class="files">${list}</ul>
-    ${list.length > 0 && html`<p><small>Without a window, the first half of one recording estimates and the second
-      validates; several all estimate.</small></p>`}${actions(estimating())}`;
+    ${list.length > 0 && html`<p><small>Without a window, the first half of one recording is for training and the second for
+      validation; several recordings are all for training.</small></p>`}${actions(estimating())}`;
 }
 
 /* ---- 2: columns ---- */
@@ -280,7 +280,7 @@ function checks() {
   return html`${heading('Is it good enough?', 'All checks before a fit.')}
     ${state.checks ? html`<ul class="checks">${list}</ul>`
       : busy('checking stamps, gaps, limits, conventions and excitation')}
-    ${state.checks && state.command && more('The same in a shell', command(state.command))}
+    ${state.checks && state.command && more('The same in a terminal', command(state.command))}
     ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Correct the columns'))}`;
 }
 
