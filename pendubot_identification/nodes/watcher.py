@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pendubot_identification.errors import ControlError, sentence
-from pendubot_identification.level import NORMAL_95, Level, number
+from pendubot_identification.level import Level, number
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from .messages import LATCHED, joint_sample
@@ -84,7 +84,8 @@ class Watcher(Node):
         values = {pair.key: pair.value for pair in self._status.values} if self._status is not None else {}
         entries = []
         for name, value in self._theta.items():
-            half = NORMAL_95 * number(values.get(f'{name}.std_error'))
+            high = values.get(f'{name}.interval', '').strip('()').split(',')[-1]  # of '(None, None)' if it is unknown
+            half = number(high) - value
             interval = half if math.isfinite(half) else None
             if math.isfinite(value):
                 entries.append({'name': name, 'value': value, 'half': interval, 'unit': values.get(f'{name}.unit')})

@@ -21,7 +21,7 @@ def main():
     node = rclpy.create_node('rig')
     joints, theta = node.create_publisher(JointState, '/joint_states', 100), np.linspace(0.001, 0.007, 7)
     names = ('P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2')
-    values = {f'{name}.std_error': value / 100 for name, value in zip(names, theta, strict=True)}
+    values = {f'{n}.interval': (0.98 * x, 1.02 * x) for n, x in zip(names, theta.tolist(), strict=True)}
     values |= {f'{name}.unit': 'kg m^2' for name in names[:3]}
     Identification(node).publish(Level.WARN, 'b2 is poorly determined', values, theta)
 

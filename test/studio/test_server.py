@@ -284,7 +284,7 @@ def test_the_running_rig_is_relayed_by_a_node_that_ends_with_the_page(studio, ro
         assert line['effort'] == 0.25
         assert (line['level'], line['message']) == ('WARN', 'b2 is poorly determined')
         assert [each['name'] for each in line['parameters']] == ['P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2']
-        assert line['parameters'][0] == pytest.approx({'name': 'P1', 'value': 0.001, 'half': 1.96e-5, 'unit': 'kg m^2'})
+        assert line['parameters'][0] == pytest.approx({'name': 'P1', 'value': 0.001, 'half': 2e-5, 'unit': 'kg m^2'})
         node = ros.create_node('looker')
         try:
             stale = DiagnosticArray(status=[DiagnosticStatus(level=DiagnosticStatus.STALE)])
