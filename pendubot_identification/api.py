@@ -616,7 +616,7 @@ class Identified:
         write_atomically(Path(path), result_text(self.result), overwrite=overwrite)
 
     @_arguments_in_messages()
-    def report(self, folder: File, *, overwrite: bool = False, figures: bool = False, paths: bool = False) -> Path:
+    def report(self, folder: File, *, overwrite: bool = False, figures: bool = False) -> Path:
         """Write the report, a page with figures, and the result file; return the path of the page.
 
         For a loaded result the recordings are read again; the page lists missing ones.
@@ -625,7 +625,6 @@ class Identified:
             folder: folder to write.
             overwrite: replace files in it.
             figures: write the figures also as SVG and PNG.
-            paths: name the absolute folders of the recordings on the page.
 
         Raises:
             PendubotError: the folder holds something already, or cannot be written.
@@ -638,7 +637,7 @@ class Identified:
         except PendubotError as error:
             motions, notes = None, [f'figures of the recordings; {error}']
         with OutputFolder(Path(folder), overwrite=overwrite) as output:
-            return write_report(output, self.result, motions, None, notes, lambda *_: None, static=figures, paths=paths)
+            return write_report(output, self.result, motions, None, notes, lambda *_: None, static=figures)
 
     @_arguments_in_messages()
     def plot(self, what: Plot = 'simulation', axes: Axes | Sequence[Axes] | None = None) -> list[Axes]:

@@ -118,7 +118,6 @@ def write_report(
     bags: Path | None = None,
     *,
     static: bool = False,
-    paths: bool = False,
 ) -> Path:
     """Draw all pictures of a result, write the report, all or nothing, and return the path of the page.
 
@@ -131,7 +130,6 @@ def write_report(
         progress: called with the activity, the numbers of done and of all pictures, and NaN.
         bags: the present folder of the bags; None: as in the result.
         static: whether all pictures are written as SVG and PNG, too.
-        paths: whether the page contains the absolute folders of the recordings.
 
     Raises:
         ResultError: writing fails.
@@ -150,7 +148,7 @@ def write_report(
     text = result_text(result)
     page = result_page(result, pictures, beside, [*notes, *missing], compared, text)
     named = [source.bag for source in result.bags] + ([f'{bags.absolute()}/-'] if bags else [])
-    return _write(folder, {'result.yaml': text}, pictures if static else (), page, () if paths else named)
+    return _write(folder, {'result.yaml': text}, pictures if static else (), page, named)
 
 
 def write_track(
