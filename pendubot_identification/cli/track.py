@@ -44,7 +44,7 @@ def run_track(args: argparse.Namespace) -> int:
             failed = f'{", ".join(args.bags)}: no parameters were identified: {tracker.reason}'
             raise ExcitationError('; '.join([failed, *track.notes]))
         last, written = tracker.state or track.states[-1], []
-        result = tracked_result(tracker, track, args.bags) if tracker.state is not None else None
+        result = tracked_result(tracker, track, args.bags)
         text = '' if result is None else result_text(result)
         table, happened = _table(last, track), _events(tracker, track)
         try:

@@ -126,11 +126,11 @@ def track_recordings(
     return tracker, track
 
 
-def tracked_result(tracker: Tracker, track: Track, bags: Sequence[str]) -> TrackedResult:
-    """Return the newest state as a result, with the events and the history of the parameters. May raise ResultError."""
+def tracked_result(tracker: Tracker, track: Track, bags: Sequence[str]) -> TrackedResult | None:
+    """Return the newest state as a result, with the history of the parameters; None if none are tracked at the end."""
     state = tracker.state
     if state is None or tracker.segment_settings is None:
-        raise ResultError(f'there are no parameters to be written: {tracker.reason}')
+        return None
     theta, errors = (known(np.transpose([getattr(s, name) for s in track.states])) for name in ('theta', 'std_error'))
     return TrackedResult(
         parameters=parameters(state),
