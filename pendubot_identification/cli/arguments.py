@@ -370,7 +370,7 @@ def _repair(parser: Any) -> None:
 
     Examples:
       pendubot repair swing                      into swing_repaired
-      pendubot repair swing --output whole
+      pendubot repair swing --output complete
     """
     _path(parser, 'bag', 'BAG', 'a bag folder or a .mcap file, closed or not')
     _path(parser, '--output', 'BAG', 'folder of the copy (default: BAG_repaired)')

@@ -73,7 +73,7 @@ def run_repair(args: argparse.Namespace) -> int:
     files = repair(args.bag, output, overwrite=args.force)
     intact = all(file.intact for file in files)
     if args.json:
-        print(json.dumps({'output': str(output), 'whole': intact, 'files': [asdict(file) for file in files]}, indent=2))
+        print(json.dumps({'output': str(output), 'intact': intact, 'files': [*map(asdict, files)]}, indent=2))
         return 0
     for file in files:
         print(f'{file.file}: {file.unread or ("closed" if file.closed else "never closed, or truncated")}')

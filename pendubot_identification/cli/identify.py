@@ -55,7 +55,7 @@ def run_identify(args: argparse.Namespace) -> int:
     outputs = [target for target in (args.output, args.save_settings) if target is not None]
     if args.check:
         if outputs or args.report:
-            raise UsageError('--check estimates no parameters, so nothing can be written; leave one of the two out')
+            raise UsageError('--check writes no file; leave out --output, --report and --save-settings')
         return _check(args, settings)
     for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
         refuse_input(target, [*bags, start and Path(start), args.settings])

@@ -215,8 +215,8 @@ def _ratios(bounds: Bounds, side: float) -> tuple[float, float]:
     P3 = max(0.0, bounds.lower[2] if side > 0 else -bounds.upper[2]) / LARGEST_COUPLING
     if P1 <= 0 or P2 <= 0 or P3**2 >= P1 * P2:
         raise ParameterError(
-            f'within their bounds P1 and P2 are at most {P1:g} and {P2:g}, which excludes P3 of at least '
-            f'{P3 * LARGEST_COUPLING:g} in a positive definite mass matrix; widen the bounds'
+            f'the bounds allow at most P1 = {P1:g} and P2 = {P2:g}, and at least |P3| = {P3 * LARGEST_COUPLING:g}; '
+            'P1 > 0, P2 > 0 and P1 P2 > P3^2 are expected: widen the bounds'
         )
     P3 = max(P3, 1e-5 * math.sqrt(P1 * P2))
     least = max(bounds.lower[0] / P2, (P3 / P2) ** 2)

@@ -63,7 +63,7 @@ class Picture(NamedTuple):
     content: TimePlot | Figure
     about: Mapping[str, Any] = MappingProxyType({})
 
-    @style(SMALL)
+    @drawn
     def files(self, *endings: str) -> dict[str, bytes]:
         """Return the static figure by the ending of the file's name."""
         figure = self.content.figure() if isinstance(self.content, TimePlot) else self.content

@@ -91,7 +91,7 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     assert damage.COUNT - 11 <= bag.count < damage.COUNT
     summary = json.loads(run('repair', 'swing', '--output', 'whole', '--json')[1])
     (saved,) = summary['files']
-    assert (summary['output'], summary['whole'], saved['closed']) == ('whole', False, False)
+    assert (summary['output'], summary['intact'], saved['closed']) == ('whole', False, False)
     assert sum(saved['saved'].values()) + sum(saved['missing'].values()) == damage.COUNT
     assert [set(place) for place in saved['damaged']] == [{'offset', 'size'}]
     assert contents(tmp_path / 'swing') == before

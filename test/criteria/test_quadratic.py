@@ -76,7 +76,7 @@ def test_the_minimum_with_a_definite_mass_matrix_is_no_worse_than_that_of_slsqp(
 def test_bounds_that_exclude_every_definite_mass_matrix_are_refused():
     J, _ = coupled(1, size=3)
     bounds = Bounds(np.array([0.0, 0.0, 0.5]), np.array([0.1, 0.1, 1.0]), PHYSICAL[:3])
-    with pytest.raises(ParameterError, match=r'P1 and P2 are at most 0\.1 and 0\.1, which excludes P3'):
+    with pytest.raises(ParameterError, match=r'at most P1 = 0\.1 and P2 = 0\.1, and at least \|P3\|'):
         J.minimum(bounds)
 
 

@@ -101,7 +101,7 @@ def test_a_lost_file_of_a_split_bag_is_reported(tmp_path, capsys, size):
         (tmp_path / 'bag' / 'bag_1.mcap.zstd').write_bytes(b'\x28\xb5\x2f\xfd' + bytes(size) if size else b'')
     assert main(['repair', str(tmp_path / 'bag'), '--json', '--output', str(tmp_path / 'copy')]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert not report['whole']
+    assert not report['intact']
     assert [(each['closed'], bool(each['unread'])) for each in report['files']] == [(True, False), (False, True)]
     assert main(['repair', str(tmp_path / 'bag'), '--output', str(tmp_path / 'again')]) == 0
     text = capsys.readouterr().out
