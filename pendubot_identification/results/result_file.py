@@ -67,6 +67,8 @@ def structured(kind: type[T], data: Any, file: object) -> T:
     except pydantic.ValidationError as error:
         problem: dict[str, Any] = dict(error.errors()[0])
     entry = '.'.join(str(key) for key in problem['loc'] if key != '__root__') or 'the result'
+    if problem['type'].endswith('missing'):
+        raise ResultError(f'{file} has no entry {entry}; {EXPECTED}, unchanged')
     value = problem.get('input', {})  # missing in pydantic 1
     found = '' if isinstance(value, dict) else f' is {value!r}'
     raise ResultError(f'{file}: {entry}{found}; {problem["msg"].removeprefix("Value error, ")}; {EXPECTED}, unchanged')
