@@ -80,7 +80,7 @@ class Balancer(SettingsNode):
         """Command zero torque and disarm; wait at most a second for the answer of the bridge."""
         if self._balancing.phase is not Phase.IDLE:
             self._balancing.stop()
-            self._driver.let_go_and_wait()
+            self._driver.release_and_wait()
 
     def _subscribe_parameters(self) -> None:
         """Subscribe to the parameters and their quality, or resubscribe to receive the latched messages again."""
@@ -149,9 +149,9 @@ class Balancer(SettingsNode):
         except PendubotError as error:
             return False, str(error)
         self._driver.begin()
-        if not self._driver.is_heard(PATIENCE):
+        if not self._driver.is_received(PATIENCE):
             self._balancing.stop()
-            return False, self._driver.deaf()
+            return False, self._driver.not_received()
         answer = await self._driver.arm.call_async(Trigger.Request())
         if not answer.success:
             self._balancing.stop()
@@ -159,13 +159,13 @@ class Balancer(SettingsNode):
             self._balancing.armed()
             self.get_logger().info('armed and moving')
         else:
-            self._driver.let_go()
+            self._driver.release()
             return False, 'it was stopped in the meantime'
         return answer.success, f'bridge: {answer.message}'
 
     async def _on_stop(self) -> tuple[bool, str]:
         self._balancing.stop()
-        self._driver.let_go()
+        self._driver.release()
         return True, 'stopped; the bridge is requested to disarm'
 
     def _supervise(self) -> None:
@@ -209,7 +209,7 @@ class Balancer(SettingsNode):
             self._balancing.stop(explained(error))
             self.get_logger().error(f'stopped: {self._balancing.stopped}', throttle_duration_sec=1.0)
             if moving:
-                self._driver.let_go()
+                self._driver.release()
 
     def _diagnosis(self) -> tuple[Level, str, dict[str, str]]:
         level, message, values = self._balancing.diagnosis()

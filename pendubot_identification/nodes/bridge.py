@@ -59,7 +59,7 @@ class CommandAge:
 
 class Bridge(ManagedNode):
     """The node between the board and ROS. Three threads share one :class:`Host` under a lock: the port's reader, which
-    also publishes the samples; the housekeeper, for timeouts; and the executor, for commands and services.
+    also publishes the samples; a timer, for timeouts; and the executor, for commands and services.
     """
 
     PROGRAM = 'bridge'
@@ -90,7 +90,7 @@ class Bridge(ManagedNode):
         config = HostConfig(**{each.name: frozen[each.name] for each in fields(HostConfig)})
         self._host = Host(config, new_session=lambda: 1 + secrets.randbelow((1 << 32) - 1))
         self._lock = threading.Lock()
-        self._pause = 0.0  # until the housekeeper's next step [s]
+        self._pause = 0.0  # until the next check of timeouts [s]
         self._arming: list[Future] = []
         self._health = Health()
         # Offset from the monotonic clock to ROS time, constant even if the system's clock is set later.
@@ -120,11 +120,11 @@ class Bridge(ManagedNode):
             on_closed=lambda reason: self._step(lambda now: self._host.closed(reason, now)),
         )
         self._closing = threading.Event()
-        self._housekeeper = threading.Thread(target=self._keep_house, name='housekeeper', daemon=True)
+        self._timer_thread = threading.Thread(target=self._check_timeouts, name='timeouts', daemon=True)
         # Exclude the present, permanent objects from garbage collection, which would delay samples by tens of ms.
         gc.freeze()
         self._link.start()
-        self._housekeeper.start()
+        self._timer_thread.start()
 
     def _check(self, s: dict[str, Any]) -> None:
         if 0 in s['sign']:
@@ -148,7 +148,7 @@ class Bridge(ManagedNode):
         """Disarm the board and close the port."""
         self._closing.set()
         self._step(self._host.motor.disarm)
-        self._housekeeper.join(2.0)
+        self._timer_thread.join(2.0)
         self._link.close()
 
     def _step(self, action: Callable[[int], object], now: int | None = None) -> None:
@@ -183,7 +183,7 @@ class Bridge(ManagedNode):
         m.effort[0], m.effort[2] = sample.effort, sample.current
         self._joint_states.publish(m)
 
-    def _keep_house(self) -> None:
+    def _check_timeouts(self) -> None:
         while not self._closing.wait(self._pause):
             self._step(self._poll)
 

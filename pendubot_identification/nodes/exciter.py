@@ -55,8 +55,8 @@ class Exciter(SettingsNode):
         self._pulses, self._duration, self._arms = _pulses(s), s['duration'] or math.inf, s['arm']
         # Times on the monotonic clock [s]: start of the program, last request to arm, start of the motion, last joint
         # state, and expiry of the last recorder's report.
-        self._born, self._asked, self._since, self._heard = time.monotonic(), -math.inf, -math.inf, -math.inf
-        self._recorded = -math.inf if s['recorded'] else math.inf
+        self._started, self._requested, self._since, self._arrived = time.monotonic(), -math.inf, -math.inf, -math.inf
+        self._recorded_until = -math.inf if s['recorded'] else math.inf
         self._running = False
         # Stamps [s] of the first joint state of the motion and of the last one.
         self._start: float | None = None
@@ -74,15 +74,15 @@ class Exciter(SettingsNode):
     def _close(self) -> None:
         """Command zero torque and disarm, if it requested arming or moved the rig."""
         self._running = False
-        if self._asked > 0 or self._start is not None:
-            self._driver.let_go_and_wait()
+        if self._requested > 0 or self._start is not None:
+            self._driver.release_and_wait()
 
     def _on_joint_state(self, message: JointState) -> None:
         stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
         fault = (name_rivals(self, self._joint_states, wait=True) or self._silence(stamp)) if self._running else ''
-        self._heard, self._stamp = time.monotonic(), stamp
+        self._arrived, self._stamp = time.monotonic(), stamp
         if fault:
-            self._give_up(fault)
+            self._abort(fault)
         elif not self._running:
             # The bridge discards it while disarmed; it prevents a command timeout right after arming.
             self._driver.effort(0.0)
@@ -102,10 +102,10 @@ class Exciter(SettingsNode):
 
     def _silence(self, stamp: float | None = None) -> str:
         """Return a sentence if the gap since the last joint state, or up to ``stamp`` [s], is too long, else ''."""
-        gap = time.monotonic() - max(self._since, self._heard)
+        gap = time.monotonic() - max(self._since, self._arrived)
         if stamp is not None and self._start is not None:
             gap = max(gap, abs(stamp - self._stamp))
-        if gap <= (DISCOVERY if math.isinf(self._heard) else SILENCE):
+        if gap <= (DISCOVERY if math.isinf(self._arrived) else SILENCE):
             return ''
         return f'stopped: no joint states for {gap:.1f} s; check the bridge, or whether this program was delayed'
 
@@ -117,13 +117,13 @@ class Exciter(SettingsNode):
             values = {value.key: value.value for value in status.values}
             # From a recorder; 0 before the recorder receives the topic.
             if number(values.get(f'{self._joint_states.topic_name} rate [Hz]')) > 0.0:
-                self._recorded = max(self._recorded, time.monotonic() + UNRECORDED)
+                self._recorded_until = max(self._recorded_until, time.monotonic() + UNRECORDED)
             if status.name == self._driver.bridge.lstrip('/') and 'armed' in values:
                 self._armed = values['armed'] == 'True'
                 # A report that was in transit at the time of arming may still contain the former state.
                 self._disarmed = 0 if self._armed else self._disarmed + 1
                 if self._running and self._disarmed > 1:
-                    self._give_up(f'stopped, because the bridge is no longer armed: {status.message}')
+                    self._abort(f'stopped, because the bridge is no longer armed: {status.message}')
                 elif self._armed:
                     self._begin()
 
@@ -132,44 +132,44 @@ class Exciter(SettingsNode):
         if self.ended.is_set():
             return
         if rivals := self._driver.rivals() or name_rivals(self, self._joint_states, wait=True):
-            self._give_up(rivals)
+            self._abort(rivals)
             return
         now, driver = time.monotonic(), self._driver
-        if self._armed is False or now - self._born >= DISCOVERY:
+        if self._armed is False or now - self._started >= DISCOVERY:
             # A program that is not discovered yet may drive an armed motor; a second publisher would disarm it.
             driver.begin()
         if self._running:
             if silence := self._silence():
-                self._give_up(silence)
-            elif now > self._recorded:
-                self._give_up(f'stopped: nothing was recorded for {UNRECORDED:g} s; check the recorder')
+                self._abort(silence)
+            elif now > self._recorded_until:
+                self._abort(f'stopped: nothing was recorded for {UNRECORDED:g} s; check the recorder')
         elif missing := self._missing(now):
             self.get_logger().info(missing, throttle_duration_sec=5.0)
         # Repeated, because an answer may be lost right after the discovery.
-        elif now - self._asked > PATIENCE and driver.publisher is not None and driver.arm.service_is_ready():
-            self._asked = now
+        elif now - self._requested > PATIENCE and driver.publisher is not None and driver.arm.service_is_ready():
+            self._requested = now
             driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _missing(self, now: float) -> str:
         """Return a sentence on the missing condition for arming; '' if all are met."""
         name, bridge = self._joint_states.topic_name, self._driver.bridge
-        if now - self._heard > SILENCE:
+        if now - self._arrived > SILENCE:
             return f'waiting for {name}: start the bridge'
-        if now - self._born >= DISCOVERY and not self._driver.arm.service_is_ready():
+        if now - self._started >= DISCOVERY and not self._driver.arm.service_is_ready():
             return (
                 f'waiting for {bridge}/arm, which nobody serves: start the bridge or, if its node has another name, '
                 'remap bridge/arm and bridge/disarm'
             )
-        if self._driver.publisher is not None and not self._driver.is_heard():
-            return f'waiting: {self._driver.deaf()}'
-        if now > self._recorded:
+        if self._driver.publisher is not None and not self._driver.is_received():
+            return f'waiting: {self._driver.not_received()}'
+        if now > self._recorded_until:
             return f'waiting for a recorder of {name}: start it'
         return '' if self._arms else f'waiting to be armed: call {bridge}/arm'
 
     def _begin(self) -> None:
         """Start the excitation at the next sample, if the bridge receives the commands and a recorder records."""
         now = time.monotonic()
-        if not (self._running or self.ended.is_set() or now > self._recorded) and self._driver.is_heard():
+        if not (self._running or self.ended.is_set() or now > self._recorded_until) and self._driver.is_received():
             self._running, self._since = True, now
 
     def _on_armed(self, future: Future) -> None:
@@ -177,9 +177,9 @@ class Exciter(SettingsNode):
         if response.success:
             self._begin()
         else:
-            self._give_up(f'the bridge did not arm: {response.message}')
+            self._abort(f'the bridge did not arm: {response.message}')
 
-    def _give_up(self, sentence: str) -> None:
+    def _abort(self, sentence: str) -> None:
         self.get_logger().error(sentence)
         self._running = False
         self.end(1)

@@ -88,18 +88,18 @@ class Driver:
         if self.publisher is None:
             self.publisher = self._node.create_publisher(Float64, EFFORT_COMMAND, 1)
 
-    def is_heard(self, patience: float = 0.0) -> bool:
+    def is_received(self, patience: float = 0.0) -> bool:
         """Return whether the bridge subscribes to the effort commands, after at most ``patience`` [s]."""
         deadline = time.monotonic() + patience
         while self.publisher is not None:
             infos = self._node.get_subscriptions_info_by_topic(self.publisher.topic_name)
-            heard = self.publisher.get_subscription_count() > 0 and self.bridge in map(_full_name, infos)
-            if heard or time.monotonic() >= deadline:
-                return heard
+            received = self.publisher.get_subscription_count() > 0 and self.bridge in map(_full_name, infos)
+            if received or time.monotonic() >= deadline:
+                return received
             time.sleep(0.01)
         return False
 
-    def deaf(self) -> str:
+    def not_received(self) -> str:
         """Return a sentence on a bridge that does not receive the effort commands."""
         topic = self._node.resolve_topic_name(EFFORT_COMMAND)
         return f'{self.bridge} does not subscribe to {topic}: remap {EFFORT_COMMAND} as you did for the bridge'
@@ -115,15 +115,15 @@ class Driver:
         if self.publisher is not None:
             self.publisher.publish(Float64(data=torque))
 
-    def let_go(self) -> Future:
+    def release(self) -> Future:
         """Command zero torque and disarm; return the future answer of the bridge."""
         self.effort(0.0)
         return self.disarm.call_async(Trigger.Request())
 
-    def let_go_and_wait(self) -> None:
+    def release_and_wait(self) -> None:
         """Command zero torque and disarm; wait at most a second for the answer of the bridge."""
         answered = threading.Event()
-        self.let_go().add_done_callback(lambda _: answered.set())
+        self.release().add_done_callback(lambda _: answered.set())
         if not answered.wait(1.0):
             self._node.get_logger().warning('the bridge did not answer to disarm; check that it is disarmed')
 

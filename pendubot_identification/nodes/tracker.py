@@ -64,10 +64,10 @@ class Tracker(ManagedNode):
         self._taken = self._disturbances = 0
         # The published state, the last message about it, and its time on the samples' clock [s].
         self._published: State | None = None
-        self._said: tuple[Any, ...] = ()
-        self._at = -np.inf
+        self._last_quality: tuple[Any, ...] = ()
+        self._published_at = -np.inf
         self._last_change = 'none'
-        self._held = self._forget = False
+        self._held = self._restart = False
         self.create_service(SetBool, '~/hold', self._on_hold)
         self.serve('~/reset', self._on_reset)
         Status(self, self._diagnosis)
@@ -77,7 +77,7 @@ class Tracker(ManagedNode):
         self.get_logger().info(self._tracker.waiting)
 
     def _activate(self) -> None:
-        self._forget = self._taken > 0
+        self._restart = self._taken > 0
 
     def _close(self) -> None:
         """End the thread, without waiting for a running identification."""
@@ -90,14 +90,14 @@ class Tracker(ManagedNode):
         return SetBool.Response(success=True, message=message)
 
     async def _on_reset(self) -> tuple[bool, str]:
-        self._forget = True
+        self._restart = True
         return True, 'the tracking restarts with the next motion'
 
     def _work(self, closing: threading.Event) -> None:
         while not closing.wait(PERIOD):
             try:
-                if self._forget:
-                    self._forget = False
+                if self._restart:
+                    self._restart = False
                     self._tracker.reset()
                     self._published = None
                 self._fetcher.fetch_all()
@@ -118,7 +118,7 @@ class Tracker(ManagedNode):
             self.get_logger().error(self._rivals)
         if self._rivals or before:
             self._waiting.clear()
-            self._forget = True
+            self._restart = True
 
     def _estimate(self) -> None:
         waiting, self._waiting = self._waiting, []
@@ -147,23 +147,25 @@ class Tracker(ManagedNode):
         self._last_change = str(event)
         self._published = None if isinstance(event, Lost) else self._published
         # The published parameters are wrong after a change, so the next ones do not wait.
-        self._at = -np.inf
+        self._published_at = -np.inf
         self.get_logger().warning(str(event))
 
     def _publish(self) -> None:
         state = self._tracker.state
         if self._rivals or self._unreadable or state is None:
-            self._say(*self._condition(), {})
+            self._publish_quality(*self._condition(), {})
             return
-        if state.t - self._at < 1 / self.get_parameter('rate').value and state.t >= self._at:
+        if state.t - self._published_at < 1 / self.get_parameter('rate').value and state.t >= self._published_at:
             return
         moved = state.level is not Level.ERROR and self._moved(state)
         if moved:
             if self._published is None:
                 self.get_logger().info(f'tracking, level {state.level.name}: {self._condition()[1]}')
-            self._published, self._at = state, state.t
+            self._published, self._published_at = state, state.t
         # The message describes the published parameters, for their receivers.
-        self._say(*self._condition(), self._values(self._published or state), state.theta if moved else None)
+        self._publish_quality(
+            *self._condition(), self._values(self._published or state), state.theta if moved else None
+        )
 
     def _moved(self, state: State) -> bool:
         last = self._published
@@ -189,11 +191,11 @@ class Tracker(ManagedNode):
             values['model'] = segment_settings.model
         return values | {'criterion': 'weak, tracked', 'last_change': self._last_change}
 
-    def _say(self, level: Level, text: str, values: dict[str, Any], theta: Any = None) -> None:
+    def _publish_quality(self, level: Level, text: str, values: dict[str, Any], theta: Any = None) -> None:
         """Publish the quality if it differs from the last message, except in the digits of its text."""
         key = level, ''.join(c for c in text if not c.isdigit()), values
-        if key != self._said or theta is not None:
-            self._said = key
+        if key != self._last_quality or theta is not None:
+            self._last_quality = key
             self._identification.publish(level, text, values, theta)
 
     def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:

@@ -20,14 +20,14 @@ from pendubot_identification.trajectories.conversion import Conversion
 from .tables import Beside
 
 #: Largest ratio of the drawn lengths of both links, so that both are visible.
-LONGEST = 10.0
+LARGEST_RATIO = 10.0
 
 
 def proportions(result: Result) -> tuple[float, float, str]:
     """Return the lengths with which both links are drawn, and a sentence on their origin."""
     p, measured = result.theta, result.link_length.expected
     l1, l2 = (measured or p.P3 / p.P5, 1.5 * p.P2 / p.P5) if p.P5 > 0 else (0.0, 0.0)
-    if not (l1 > 0 and l2 > 0 and max(l1, l2) <= LONGEST * min(l1, l2)):
+    if not (l1 > 0 and l2 > 0 and max(l1, l2) <= LARGEST_RATIO * min(l1, l2)):
         return 1.0, 1.0, 'Both links are drawn equally long, because the parameters give no length that can be drawn.'
     origin = 'as measured' if measured else 'P3 / P5'
     return (

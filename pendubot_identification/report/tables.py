@@ -48,7 +48,7 @@ def parameter_table(result: Result, beside: Beside | None = None, *, complete: b
 
     ``complete``: with the parameter's meaning, and with all reservations instead of one.
     """
-    format, entries, head = rounding(result.parameters.values()), result.parameters, papers_head(result)
+    format, entries, head = rounding(result.parameters.values()), result.parameters, paper_heading(result)
     others = {head: result.criteria['energy'].parameters} if head else {}
     others |= {beside[1]: beside[0].parameters} if beside else {}
     reservations = [_reservations(result, name) if complete else _reservation(entry) for name, entry in entries.items()]
@@ -87,7 +87,7 @@ def _with_error(value: float | None, error: float | None, format: str, quantile:
     return number(value, format) + ('' if value is None or error is None else f' ± {quantile * error:{format}}')
 
 
-def papers_head(result: Result) -> str:
+def paper_heading(result: Result) -> str:
     """Return the heading of the paper's estimate; empty if it is absent or the selected estimate."""
     energy = result.criteria.get('energy')
     if energy is None or result.criterion == 'energy':

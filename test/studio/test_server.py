@@ -145,7 +145,7 @@ def test_the_shell_gives_the_same_checks_and_a_fit_starts_from_a_result(page, mo
     assert main([*shlex.split(checked['command'])[1:], '--json']) == 3
     assert json.loads(capsys.readouterr().out) == checked['findings']
     assert main(['identify', '--check', 'run.csv', '--output', 'result.yaml']) == 2
-    assert 'nothing can be written' in capsys.readouterr().err
+    assert '--check writes no file' in capsys.readouterr().err
     before = {name: {'value': value} for name, value in asdict(PAPER).items() if value}
     page.give('before.yaml', json.dumps({'schema': 1, 'parameters': before}))
     options |= {'negate': '', 'criterion': 'likelihood', 'model': 'viscous', 'start': 'before.yaml'}
