@@ -637,7 +637,7 @@ class Identified:
         except PendubotError as error:
             motions, notes = None, [f'figures of the recordings; {error}']
         with OutputFolder(Path(folder), overwrite=overwrite) as output:
-            return write_report(output, self.result, motions, None, notes, lambda *_: None, static=figures)
+            return write_report(output, self.result, motions, notes=notes, static=figures)
 
     @_arguments_in_messages()
     def plot(self, what: Plot = 'simulation', axes: Axes | Sequence[Axes] | None = None) -> list[Axes]:

@@ -76,8 +76,7 @@ def run_identify(args: argparse.Namespace) -> int:
 
                 motions = data.training, data.validation
                 with progress_bar(hidden=args.json) as progress:
-                    page = write_report(folder, result, motions, None, (), progress, static=args.figures)
-                    outputs.append(page)
+                    outputs.append(write_report(folder, result, motions, progress=progress, static=args.figures))
         finally:
             # Printed also if the files cannot be written; and last, because a closed pipe ends the program.
             print(json.dumps(plain(result), indent=2) if args.json else _shown(args, result))

@@ -43,8 +43,10 @@ def run_report(args: argparse.Namespace) -> int:
         except PendubotError as error:
             notes = [f'figures of the recordings; {error}']
             print(f'pendubot: left out {notes[0]}', file=sys.stderr)
-        with progress_bar() as progress:
-            page = write_report(folder, result, motions, beside, notes, progress, args.bags, static=args.figures)
+        with progress_bar() as bar:
+            page = write_report(
+                folder, result, motions, beside=beside, notes=notes, progress=bar, bags=args.bags, static=args.figures
+            )
     print(f'written to {page}')
     return 0
 

@@ -112,11 +112,11 @@ def write_report(
     folder: OutputFolder,
     result: Result,
     motions: Recordings | None,
-    beside: tables.Beside | None,
-    notes: Sequence[str],
-    progress: Callable[[str, int, int, float], None],
-    bags: Path | None = None,
     *,
+    beside: tables.Beside | None = None,
+    notes: Sequence[str] = (),
+    progress: Callable[[str, int, int, float], None] = lambda *_: None,
+    bags: Path | None = None,
     static: bool = False,
 ) -> Path:
     """Draw all pictures of a result, write the report, all or nothing, and return the path of the page.

@@ -50,7 +50,7 @@ def real(tmp_path_factory):
     reference = PartialResult(parameters=guess), 'reference'
     with OutputFolder(tmp_path_factory.mktemp('real') / 'look') as folder:
         result = replace(result, advice=['the motion is little informative of b1 (a, b); to improve: speed'])
-        return write_report(folder, result, ([bag[:400]], [bag[400:1000]]), reference, (), lambda *_: None)
+        return write_report(folder, result, ([bag[:400]], [bag[400:1000]]), beside=reference)
 
 
 @pytest.fixture
@@ -181,7 +181,7 @@ def test_a_printed_page_with_all_parameters_and_many_warnings_has_at_most_three_
     warnings = [f'{k}: the rig has unmodelled effects, ' + 'a warning of two lines on the page ' * 2 for k in range(7)]
     result = replace(result, warnings=warnings, advice=warnings[:3])
     with OutputFolder(tmp_path / 'look') as folder:
-        page = opened(write_report(folder, result, ([bag[:400]], [bag[400:1000]]), None, (), lambda *_: None))
+        page = opened(write_report(folder, result, ([bag[:400]], [bag[400:1000]])))
     assert len(re.findall(rb'/Type\s*/Page\b', page.pdf(prefer_css_page_size=True))) <= 3
 
 

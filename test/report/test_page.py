@@ -187,9 +187,9 @@ def test_the_command_on_the_page_reproduces_the_result(options, tmp_path, monkey
     assert again.criteria == first.criteria
 
 
-def report(tmp_path, result, motions=None, reference=None, **options):
+def report(tmp_path, result, motions=None, reference=None):
     with OutputFolder(tmp_path / 'look') as folder:
-        return write_report(folder, result, motions, reference, (), lambda *_: None, **options).read_text()
+        return write_report(folder, result, motions, beside=reference).read_text()
 
 
 def test_no_absolute_path_is_on_the_page(tmp_path):
