@@ -65,8 +65,8 @@ def _cell(text: str) -> Markup:
 
 
 def number(value: float | None, format: str = '') -> str:
-    """Return a number as text, or a dash if it is unknown."""
-    return f'{value:{format}}' if value is not None and math.isfinite(value) else '-'
+    """Return a number as text, a rounded zero without sign, or a dash if it is unknown."""
+    return re.sub('^-(?=[0.]+$)', '', f'{value:{format}}') if value is not None and math.isfinite(value) else '-'
 
 
 def typeset(text: str) -> str:

@@ -10,7 +10,7 @@ from dataclasses import asdict
 import pytest
 
 from pendubot_identification.model.parameters import NAMES, PAPER
-from pendubot_identification.report.table import Table
+from pendubot_identification.report.table import Table, number
 from pendubot_identification.report.tables import (
     comparison_table,
     effects_table,
@@ -44,6 +44,10 @@ def test_a_table_is_aligned_text_and_escaped_html_with_its_notes():
     assert '<th scope="col">a &lt; b</th>' in table.html()
     assert '<p class="note">a note</p>' in table.html()
     assert note == 'a note'
+
+
+def test_a_number_that_is_rounded_to_zero_has_no_sign():
+    assert [number(value, '.1f') for value in (-0.04, -0.06, 0.04, None)] == ['0.0', '-0.1', '0.0', '-']
 
 
 @pytest.mark.parametrize('arguments', [(), MDE, (('energy', 'weak'), 'geared')])
