@@ -50,7 +50,9 @@ def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
 
 def brief(result: Result, files: int) -> str:
     """Return a result in at most :data:`LINES` - ``files`` lines; the last line counts the omitted remarks."""
-    head = [*_sources(result), '', *_parameters(result), '', *_prediction(result), '']
+    table, title = parameter_table(result), f'{result.model} model, by the criterion {result.criterion}'
+    rows = table.text().splitlines()[: 1 + len(table.rows)]  # without notes
+    head = [*_sources(result), '', title, *rows, '', *_prediction(result), '']
     design = ['pendubot excite --design proposes a more informative motion'] if result.advice else []
     shown = [*remarks(result), *(f'to do: {sentence}' for sentence in (*result.advice, *design))]
     room, lines = LINES - files - len(head), list[str]()
@@ -76,12 +78,6 @@ def _sources(result: Result) -> list[str]:
         lines.append(f'{role}: {name}, {samples} samples, {duration:.2f} s')
         lines += dict.fromkeys(f'taken as: {bag.taken_as}' for bag in bags if bag.taken_as and role == 'training')
     return lines
-
-
-def _parameters(result: Result) -> list[str]:
-    table = parameter_table(result)
-    lines = table.text().splitlines()[: 1 + len(table.rows)]  # without notes
-    return [f'{result.model} model, by the criterion {result.criterion}', *lines]
 
 
 def _prediction(result: Result) -> list[str]:

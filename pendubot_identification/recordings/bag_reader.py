@@ -39,9 +39,9 @@ class ReadSettings:
     latency_ns: int = 1_000_000_000  #: Largest expected difference between stamp and log time [ns].
     late_end: float = 0.1  #: Largest time from the last sample to a window's end without a warning [s]: users round.
 
-    def exclude(self, samples: int, duration: float) -> bool:
-        """Return whether a recording with this number of samples and duration [s] is too long."""
-        return duration > (self.longest if samples <= self.many else self.longest_of_many)
+    def limit(self, samples: int) -> float:
+        """Return the longest duration of a recording with this number of samples [s]."""
+        return self.longest if samples <= self.many else self.longest_of_many
 
 
 SETTINGS = ReadSettings()
@@ -285,7 +285,7 @@ def _collect(reader: BagReader, window: BagWindow, conversion: Conversion) -> tu
                 times.append(elapsed_ns)
                 values.append(block)
                 count += len(elapsed_ns)
-                if SETTINGS.exclude(count, min((elapsed_ns[-1] - times[1][0]) / 1e9, reader.duration)):
+                if min((elapsed_ns[-1] - times[1][0]) / 1e9, reader.duration) > SETTINGS.limit(count):
                     break
             break
     return np.concatenate(times), np.concatenate(values)
@@ -295,10 +295,9 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
     """Raise TrajectoryError if a window of samples at t [s], from a recording of ``duration`` [s], is empty or long."""
     if not len(t):
         raise TrajectoryError(f'{window} holds no sample; choose a time within the {duration:.3f} s of the recording')
-    if not SETTINGS.exclude(len(t), min(float(t[-1] - t[0]), duration)):
+    start, longest = window.start or 0.0, SETTINGS.limit(len(t))
+    if min(float(t[-1] - t[0]), duration) <= longest:
         return
-    start = window.start or 0.0
-    longest = SETTINGS.longest if len(t) <= SETTINGS.many else SETTINGS.longest_of_many
     lasts = min(window.end or math.inf, duration) - start
     raise LongRecordingError(
         f'{window} is too long: it lasts {lasts:.0f} s, and at most {longest:g} s are read at once',

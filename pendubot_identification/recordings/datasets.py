@@ -56,9 +56,9 @@ def load_datasets(bags: Sequence[str], validate: Sequence[str] = (), conversion:
 def divided(training: Sequence[RecordedTrajectory], validation: Sequence[RecordedTrajectory]) -> Datasets:
     """Return motions for training and validation, with sources and notes; a single one without a window is halved."""
     if not validation and len(training) == 1 and training[0].window == BagWindow(training[0].window.path):
-        whole, half = training[0], len(training[0].trajectory.require_samples()) // 2
-        training = [replace(whole, trajectory=whole.trajectory[:half])]
-        validation = [replace(whole, trajectory=whole.trajectory[half:])]
+        single, half = training[0], len(training[0].trajectory.require_samples()) // 2
+        training = [replace(single, trajectory=single.trajectory[:half])]
+        validation = [replace(single, trajectory=single.trajectory[half:])]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
     notes = [r.note for _, r in pairs if r.note]
     for (role, first), (_, second) in combinations(pairs, 2):

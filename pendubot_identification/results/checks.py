@@ -34,10 +34,7 @@ class Finding:
 
 
 def check_recordings(load: Callable[[Conversion], Datasets], settings: Settings) -> list[Finding]:
-    """Return the findings, in the order of the checks: all errors and warnings, and one ``OK`` of each passed check.
-
-    After an error of a check the checks that depend on it are omitted.
-    """
+    """Return all errors and warnings, and an ``OK`` of each passed check; an error ends the checks of the motion."""
     try:
         data = load(settings.reading)
     except PendubotError as error:
