@@ -501,7 +501,7 @@ def _all_levels(data: TrainingData, rough: Problem, progress: Progress) -> Probl
 
 
 def torque_noise(data: TrainingData, problem: Problem) -> Array:
-    """Return the torque noise of each recording over the limit of an exact rig, shape (R, 2)."""
+    """Return the torque noise at each of K intervals over the limit of an exact rig, shape (K, 2)."""
     noise = np.exp(problem.fit.x[problem.likelihood.shared :].reshape(-1, 4)[:, 2:])
     return np.asarray(noise / math.sqrt(0.1) / (np.array(SETTINGS.quiet) * _effort(data)))
 

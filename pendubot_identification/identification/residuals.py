@@ -21,7 +21,7 @@ from .catalogue import compensated
 from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
 from .estimate import Zeros
 from .fitting import SETTINGS as FITTING
-from .fitting import Composite, torque_noise, with_fitted_noise
+from .fitting import Composite, torque_noise, unexplained, with_fitted_noise
 from .selection import Problem
 from .settings import Settings
 
@@ -67,8 +67,7 @@ def remarks(answer: Composite, validation: Sequence[Motion], sound: bool, named:
     yield from (found.sentence for found in answer.effects if found.name not in named)
     if sound:
         yield from _of_validation(answer, validation)
-    if sound and not answer.exact:
-        yield from disturbances(answer.rough)
+        yield from () if answer.exact else disturbances(answer.rough)
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
         yield (
@@ -87,8 +86,9 @@ def _of_validation(answer: Composite, motions: Sequence[Motion]) -> Iterator[str
         if actual:
             problem = with_fitted_noise(actual, answer.theta, delay, data.settings)
             found += disturbances(problem)
-            if answer.exact and not found and (torque_noise(data, problem) > 1).any():
-                found = [WORSE]
+            # Quantization alone can look like torque noise.
+            worse = (torque_noise(data, problem) > 1) & (unexplained(problem.likelihood, problem.fit.x) > FITTING.least)
+            found += [WORSE] if answer.exact and worse.any() and not found else []
     except TrajectoryError as error:
         found.append(str(error))
     yield from found
