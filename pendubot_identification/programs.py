@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
+from pendubot_identification.errors import sentence
 from pendubot_identification.nodes.shutdown import at_signal
 
 
@@ -36,7 +37,7 @@ def _start(name: str) -> int:
 
 
 def _until_nobody_reads(main: Callable[[], int]) -> int:
-    """Return the exit status; 0 if the reader of the output closes the pipe early, like ``head``."""
+    """Return the exit status; 0 if the reader of the output closes the pipe early, like ``head``, 1 on a full disk."""
     if sys.stdout is None:  # closed by the parent process
         sys.stdout = io.StringIO()
     try:
@@ -44,10 +45,13 @@ def _until_nobody_reads(main: Callable[[], int]) -> int:
             return main()
         finally:
             sys.stdout.flush()
-    except BrokenPipeError:
+    except OSError as error:
         # Replace stdout, because its flush at exit would fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        if isinstance(error, BrokenPipeError):
+            return 0
+        print(sentence(error), file=sys.stderr)
+        return 1
 
 
 def pendubot() -> int:

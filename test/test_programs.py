@@ -5,6 +5,7 @@
 
 import csv
 import os
+import re
 import select
 import signal
 import subprocess
@@ -69,16 +70,20 @@ def test_a_failed_import_of_the_package_itself_is_not_attributed_to_ros():
         ('', ('pendubot', 'info', ROOT / 'bags' / 'paper_experiment')),
     ],
 )
-def test_an_output_closed_by_its_reader_is_no_failure(unbuffered, words):
+def test_an_output_closed_by_its_reader_is_no_failure_and_a_full_disk_is_reported(unbuffered, words):
     """Like head: during the output, or before the final flush."""
     reads, writes = os.pipe()
     os.close(reads)
     # The virtual board needs no ROS.
-    ended = run(
-        'rclpy' if words[0] == 'virtual_board' else 'no_such_module', *words, stdout=writes, PYTHONUNBUFFERED=unbuffered
-    )
+    missing = 'rclpy' if words[0] == 'virtual_board' else 'no_such_module'
+    ended = run(missing, *words, stdout=writes, PYTHONUNBUFFERED=unbuffered)
     os.close(writes)
     assert (ended.returncode, ended.stderr) == (0, '')
+    with open('/dev/full', 'w') as full:
+        ended = run(missing, *words, stdout=full, PYTHONUNBUFFERED=unbuffered)
+    known = words != ('pendubot', '--help')  # argparse ignores the failure
+    assert ended.returncode == known
+    assert bool(re.fullmatch(r'.*No space left on device; correct that and try again\n', ended.stderr)) == known
 
 
 #: Starts a program from a thread that ends, and waits for the program.
