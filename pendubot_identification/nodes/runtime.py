@@ -391,7 +391,7 @@ def run(node_class: type[SettingsNode]) -> int:
         return 2
     ended = Shutdown()
     try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         at_signal(ended.set)
         node = node_class(ended)
         with running(node):
@@ -404,6 +404,15 @@ def run(node_class: type[SettingsNode]) -> int:
     finally:
         rclpy.try_shutdown()
         ignore_signals()
+
+
+def start_ros() -> None:
+    """Start ROS without its signal handlers; raise ParameterError if it refuses its arguments or environment."""
+    try:
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.RCLError as error:
+        reason = str(error).split(', at ')[0]
+        raise ParameterError(f'{reason}; correct the arguments or the environment variables of ROS') from error
 
 
 @contextmanager

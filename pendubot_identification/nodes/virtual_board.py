@@ -141,9 +141,8 @@ def _report(event: str) -> None:
 def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
     """Run a ROS node with the board's payload as its parameter."""
     import rclpy
-    from rclpy.signals import SignalHandlerOptions
 
-    from .runtime import SettingsNode, running
+    from .runtime import SettingsNode, running, start_ros
 
     class BoardNode(SettingsNode):
         PROGRAM, SETTINGS = 'virtual_board', (PAYLOAD,)
@@ -155,7 +154,7 @@ def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
             board.carry(s['payload'])
             self.get_logger().info(f'link 2 carries {s["payload"]:g} kg')
 
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    start_ros()
     try:
         with running(BoardNode(ended)):
             yield
