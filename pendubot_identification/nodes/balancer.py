@@ -142,8 +142,8 @@ class Balancer(SettingsNode):
     async def _on_start(self) -> tuple[bool, str]:
         if rivals := self._driver.rivals() or self._rivals():
             return False, rivals
-        if not self._driver.arm.service_is_ready():
-            return False, f'nobody serves {self._driver.bridge}/arm; start the bridge'
+        if unserved := self._driver.unserved():
+            return False, f'nobody serves {unserved}; start the bridge'
         try:
             self._balancing.begin()
         except PendubotError as error:

@@ -146,25 +146,25 @@ class Exciter(SettingsNode):
         elif missing := self._missing(now):
             self.get_logger().info(missing, throttle_duration_sec=5.0)
         # Repeated, because an answer may be lost right after the discovery.
-        elif now - self._requested > PATIENCE and driver.publisher is not None and driver.arm.service_is_ready():
+        elif now - self._requested > PATIENCE and driver.publisher is not None and not driver.unserved():
             self._requested = now
             driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
 
     def _missing(self, now: float) -> str:
         """Return a sentence on the missing condition for arming; '' if all are met."""
-        name, bridge = self._joint_states.topic_name, self._driver.bridge
+        name = self._joint_states.topic_name
         if now - self._arrived > SILENCE:
             return f'waiting for {name}: start the bridge'
-        if now - self._started >= DISCOVERY and not self._driver.arm.service_is_ready():
+        if now - self._started >= DISCOVERY and (unserved := self._driver.unserved()):
             return (
-                f'waiting for {bridge}/arm, which nobody serves: start the bridge or, if its node has another name, '
+                f'waiting for {unserved}, which nobody serves: start the bridge or, if its node has another name, '
                 'remap bridge/arm and bridge/disarm'
             )
         if self._driver.publisher is not None and not self._driver.is_received():
             return f'waiting: {self._driver.not_received()}'
         if now > self._recorded_until:
             return f'waiting for a recorder of {name}: start it'
-        return '' if self._arms else f'waiting to be armed: call {bridge}/arm'
+        return '' if self._arms else f'waiting to be armed: call {self._driver.bridge}/arm'
 
     def _begin(self) -> None:
         """Start the excitation at the next sample, if the bridge receives the commands and a recorder records."""

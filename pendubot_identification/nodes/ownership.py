@@ -83,6 +83,10 @@ class Driver:
         self.arm = node.create_client(Trigger, 'bridge/arm', callback_group=group)
         self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=group)
 
+    def unserved(self) -> str:
+        """Return the full name of a service of the bridge that nobody serves, else ''."""
+        return next((each.service_name for each in (self.arm, self.disarm) if not each.service_is_ready()), '')
+
     def begin(self) -> None:
         """Publish effort commands from now on."""
         if self.publisher is None:

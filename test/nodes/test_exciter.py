@@ -75,6 +75,13 @@ def test_the_exciter_commands_nothing_before_arming_and_stops_at_disarming(rig):
         assert program.process.wait(10) == 1
 
 
+def test_the_exciter_does_not_arm_a_bridge_that_it_cannot_disarm(rig):
+    with Program('exciter', *parameters(arm='true', **PULSES), '-r', 'bridge/disarm:=nobody/disarm') as program:
+        program.wait_for('waiting for /nobody/disarm, which nobody serves')
+        assert program.stop() == 0
+    assert not rig.armed().any()
+
+
 def ends_with_1(program):
     assert program.process.wait(10) == 1
     assert 'excitation done' not in program.output
