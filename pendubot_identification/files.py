@@ -57,6 +57,10 @@ def yaml_text(document: Any) -> str:
         def ignore_aliases(self, data: Any) -> bool:
             return True
 
+        def represent_scalar(self, tag: str, value: str, style: str | None = None) -> yaml.ScalarNode:
+            # A file name may be no valid text, which libyaml refuses.
+            return super().represent_scalar(tag, value.encode(errors='backslashreplace').decode(), style)
+
         def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:
             numbers = not any(isinstance(entry, (str, Mapping, list)) for entry in sequence)
             return super().represent_sequence(tag, sequence, flow_style=numbers)

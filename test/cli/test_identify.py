@@ -4,6 +4,7 @@
 """The subcommand identify: output, files and exit status."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -133,6 +134,16 @@ def test_a_remainder_too_short_for_validation_causes_no_failure(run, tmp_path):
     for window, rest in (('0.2:4', [f'{fast}@4:']), ('0.2:5.8', [])):
         status, out, _ = run('identify', f'{fast}@{window}', *WEAK, '--delay', '0', '--json')
         assert (status, [b['bag'] for b in json.loads(out)['bags']]) == (0, [f'{fast}@{window}', *rest])
+
+
+def test_the_name_of_a_recording_may_be_no_text(run, in_inputs, tmp_path):
+    """Archives of other systems have names in Latin-1."""
+    bag = tmp_path / os.fsdecode(b'Versuch \xfc')
+    bag.symlink_to(in_inputs / 'swing')
+    status, _, err = run('identify', bag, *FAST, '--output', tmp_path / 'result.yaml')
+    assert (status, err) == (0, '')
+    assert run('export', tmp_path / 'result.yaml', '--format', 'yaml')[0] == 0
+    assert '\\udcfc' in (tmp_path / 'result.yaml').read_text()
 
 
 def test_a_result_that_cannot_be_written_is_still_printed(inputs, tmp_path):
