@@ -5,6 +5,7 @@
 
 import math
 import shutil
+import sys
 import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,7 +31,8 @@ def columns() -> int:
 @contextmanager
 def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
     """Show the present step, its remaining time and the best J on a terminal; nothing in a pipe or a file."""
-    with tqdm(desc='preparing', disable=True if hidden else None, leave=False, bar_format=ENDLESS) as bar:
+    hidden = hidden or sys.stderr is None  # a closed stream
+    with tqdm(desc='preparing', disable=hidden or None, leave=False, bar_format=ENDLESS) as bar:
         step = ''
 
         def progress(name: str, done: int, of: int, best: float) -> None:

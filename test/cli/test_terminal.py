@@ -99,6 +99,13 @@ def test_a_closed_stdout_causes_no_error():
     assert (ended.returncode, ended.stderr) == (0, b'')
 
 
+def test_a_closed_stderr_causes_no_error(tmp_path):
+    (tmp_path / 'run.csv').write_text('t,q1,q2,tau1\n0,0,0,0\n0.01,0,0,0\n')
+    command = f'exec {" ".join(PENDUBOT)} import run.csv --output bag 2>&-'
+    ended = subprocess.run(command, shell=True, capture_output=True, timeout=PATIENCE, cwd=tmp_path)
+    assert (ended.returncode, ended.stdout[:14]) == (0, b'bag: 2 samples')
+
+
 def test_help_is_equivalent_to_the_option(run):
     assert run('help') == run('--help')
     for command in re.findall(r'^    (\w+) ', run('--help')[1], re.MULTILINE):
