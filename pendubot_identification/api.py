@@ -321,7 +321,9 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
 
 
 def _numbers(name: str, values: ArrayLike) -> Array:
-    """Return an argument as an array of numbers; dates and durations in seconds from the first."""
+    """Return an argument as an array of numbers, NaN if masked; dates and durations in seconds from the first."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(float), math.nan)
     array = np.asarray(values)
     if array.dtype.kind in 'mM':
         array = (array - array[:1]) / np.timedelta64(1, 's')

@@ -163,6 +163,28 @@ def test_a_torque_may_be_constant_for_the_shoulder_or_for_both_joints():
         simulate(RIG, t, [1.0, 2.0])
 
 
+@pytest.mark.parametrize(
+    ('changed', 'sentence'),
+    [
+        ({'t': [0, 0.1, np.nan]}, 'a stamp is not a finite number'),
+        ({'tau': [0, np.nan, 0]}, 'a tau that is not a number'),
+        ({'q': (np.nan, 0)}, 'a q that is not a number'),
+        ({'q': (1,)}, r'shape \(3, 1\); \(3, 2\) is expected'),
+    ],
+)
+def test_invalid_arguments_of_a_simulation_are_named(changed, sentence):
+    with pytest.raises(PendubotError, match=sentence):
+        simulate(RIG, **{'t': [0, 0.1, 0.2], 'tau': 0.0} | changed)
+
+
+def test_masked_samples_are_missing():
+    motion = read(f'{SAMPLE}@0:9')
+    q = np.ma.array(motion.q)
+    q[30, 1] = np.ma.masked
+    with pytest.raises(PendubotError, match=r'1 of \d+ samples .* add skip_missing=True'):
+        identify(t=motion.t, q=q, tau=motion.tau, **FAST)
+
+
 def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
     path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0, revolute=True)
     assert path.read_text() == export(found.result, 'urdf', 0.03, 1.0, revolute=True)[0]

@@ -157,12 +157,12 @@ def simulate(
 
     Raises:
         ParameterError: the parameters are not physical.
-        TrajectoryError: the simulation diverges.
+        TrajectoryError: a shape or a number is invalid, or the simulation diverges.
     """
     times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)
+    states = np.tile(np.array((*q, *qd), dtype=float), (len(times), 1))
+    Trajectory(times, states[:, :2], torques, states[:, 2:], name='the simulation')  # checks the arguments
     plant = Plant(parameters, q, qd)
-    states = np.empty((len(times), 4))
-    states[:1] = (*q, *qd)
     for k, step in enumerate(np.diff(times)):
         try:
             plant.advance((float(torques[k, 0]), float(torques[k, 1])), float(step))
