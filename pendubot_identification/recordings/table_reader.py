@@ -191,7 +191,7 @@ class TableReader:
         if wrong.size:
             rows = np.flatnonzero(kept)[wrong[0] : wrong[0] + 2]
             before, time = given['t'][rows]
-            finding, remedy = 'decreases', 'keep one run in each file, its rows in the order of time'
+            finding, remedy = 'decreases', 'keep one run in each file, in order, without a restart of the clock'
             if time == before:
                 finding, remedy = 'repeats', 'export more digits, or correct or remove that row'
             raise TableError(
