@@ -54,6 +54,12 @@ def _finite(value: Any) -> float:
     return number
 
 
+def _size(value: Any) -> float | None:
+    if (number := _number(value)) is not None and number < 0:
+        raise ValueError('a number of at least 0 is expected')
+    return number
+
+
 def _level(value: Any) -> Level:
     if not isinstance(value, str) or value not in Level.__members__:
         raise ValueError(f'one of {", ".join(Level.__members__)} is expected')
@@ -63,10 +69,12 @@ def _level(value: Any) -> Level:
 if TYPE_CHECKING:
     Finite = float
     Number = float | None
+    Size = float | None
     LevelByName = Level
 else:
     Finite = _read_by(_finite)
     Number = _read_by(_number) | None  #: None if unknown.
+    Size = _read_by(_size) | None  #: the same, of at least 0.
     LevelByName = _read_by(_level)
 
 
@@ -95,7 +103,7 @@ class Parameter:
     """An estimated parameter."""
 
     value: Finite
-    std_error: Number = None
+    std_error: Size = None
     degrees_of_freedom: Number = None  #: of the standard error; None for a normal distribution.
     interval: tuple[Number, Number] = (None, None)  #: 95 % confidence interval.
     unit: str = ''

@@ -124,6 +124,7 @@ def test_a_file_without_a_result_is_refused_in_one_sentence(tmp_path, text):
         ),
         (('parameters', 'b2', 'value'), None, 'parameters.b2.value is None; .*; name a file that pendubot'),
         (('parameters', 'b2', 'value'), float('nan'), 'parameters.b2.value is nan; a number is expected'),
+        (('parameters', 'b2', 'std_error'), -1, 'parameters.b2.std_error is -1; a number of at least 0'),
         (('parameters', 'b2', 'value'), True, 'parameters.b2.value is True; a number is expected'),
         (('parameters', 'b2'), 0.1, 'parameters.b2 is 0.1; .*dict'),
         (('parameters', 'b2', 'interval'), 0.1, 'parameters.b2.interval is 0.1; .*tuple'),
