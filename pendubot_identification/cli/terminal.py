@@ -31,8 +31,7 @@ def columns() -> int:
 @contextmanager
 def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
     """Show the present step, its remaining time and the best J on a terminal; nothing in a pipe or a file."""
-    hidden = hidden or sys.stderr is None  # a closed stream
-    with tqdm(desc='preparing', disable=hidden or None, leave=False, bar_format=ENDLESS) as bar:
+    with tqdm(desc='preparing', disable=hidden or sys.stderr is None or None, leave=False, bar_format=ENDLESS) as bar:
         step = ''
 
         def progress(name: str, done: int, of: int, best: float) -> None:
