@@ -4,7 +4,8 @@
 """The rig's port, ``rig.c``, ``motor.c`` and ``uart.c``, with memory in place of the registers, which QEMU lacks.
 
 Addresses, bits and pins are from RM0090 and the data sheet of the STM32F405/F407. The tests simulate the hardware:
-they set input registers and read output registers.
+they set input registers and read output registers. The firmware is compiled for registers at higher addresses, because
+a Python process may use theirs.
 """
 
 import ctypes
@@ -36,18 +37,18 @@ PINS = {
 #: The cycle counter, and the register that clears a pending SysTick.
 CYCCNT, ICSR, PENDSTCLR, PERIOD_CYCLES = 0xE0001004, 0xE000ED04, 1 << 25, 168_000
 REGIONS = (0x40000000, 0x30000), (0x50060000, 0x1000), (0xE0000000, 0x50000)
-FIXED_NOREPLACE = 0x100000
+MOVED, FIXED_NOREPLACE = 1 << 36, 0x100000
 SESSION = 17
 
 
 class Memory:
-    """Registers by their addresses."""
+    """Registers by their addresses on the chip."""
 
     def __getitem__(self, address):
-        return ctypes.c_uint32.from_address(address).value
+        return ctypes.c_uint32.from_address(MOVED + address).value
 
     def __setitem__(self, address, value):
-        ctypes.c_uint32.from_address(address).value = value
+        ctypes.c_uint32.from_address(MOVED + address).value = value
 
     def set_pin(self, name, high):
         address, bit = PORTS[name[1]] + IDR, 1 << int(name[2:])
@@ -60,7 +61,7 @@ class Board:
     def __init__(self, library):
         self.registers, self.library, self._seq = Memory(), library, 0
         for start, size in REGIONS:
-            ctypes.memset(start, 0, size)
+            ctypes.memset(MOVED + start, 0, size)
         self.registers[RNG_SR] = 1
         self.quiet()
         # The crystal and the PLL are ready at once; the clock switch follows each request.
@@ -119,17 +120,19 @@ class Board:
 
 @pytest.fixture(scope='module')
 def library(tmp_path_factory):
-    path = tmp_path_factory.mktemp('rig') / 'rig.so'
+    folder = tmp_path_factory.mktemp('rig')
+    path, moved = folder / 'rig.so', folder / 'registers.h'
+    registers = (FIRMWARE / 'stm32f4/registers.h').read_text()
+    moved.write_text(re.sub(r'0x(?=[45e]0[0-9a-f]{6}u)', '0x10', registers))
     sources = [FIRMWARE / name for name in ('pendubot_link.c', 'firmware.c')]
     sources += [FIRMWARE / 'stm32f4' / name for name in ('rig.c', 'motor.c', 'uart.c', 'fault.c', 'watchdog.c')]
-    options = '-shared', '-fPIC', '-fno-sanitize=all', '-Wno-int-to-pointer-cast', '-I', FIRMWARE / 'stm32f4'
+    options = '-shared', '-fPIC', '-fno-sanitize=all', '-include', moved, '-I', FIRMWARE / 'stm32f4'
     compiled(path, *sources, ROOT / 'test/firmware/rig_probe.c', options=options)
     mmap = ctypes.CDLL(None).mmap
     mmap.restype = ctypes.c_size_t
     for start, size in REGIONS:
-        where = mmap(ctypes.c_void_p(start), ctypes.c_size_t(size), 3, 0x22 | FIXED_NOREPLACE, -1, ctypes.c_size_t(0))
-        if where != start:
-            pytest.skip(f'this computer has no room at {start:#x}')
+        place, length, zero = ctypes.c_void_p(MOVED + start), ctypes.c_size_t(size), ctypes.c_size_t(0)
+        assert mmap(place, length, 3, 0x22 | FIXED_NOREPLACE, -1, zero) == MOVED + start
     library = ctypes.CDLL(str(path))
     library.probe_hear.argtypes = ctypes.c_uint8, ctypes.c_uint32
     library.probe_sample.argtypes = (ctypes.c_bool,)
