@@ -118,7 +118,7 @@ class Board:
         return self
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture(scope='session')  # the registers are mapped once
 def library(tmp_path_factory):
     folder = tmp_path_factory.mktemp('rig')
     path, moved = folder / 'rig.so', folder / 'registers.h'
