@@ -96,6 +96,7 @@ def test_a_failure_of_bridge_board_or_balancer_stops_the_motor_for_good(rig):
     board = rig.start_board(seed=2)
     begin_and_hold(rig)
     board.kill()
+    rig.port.unlink()  # another program may get the same pseudo-terminal
     balancer.wait_for('stopped: ')
     rig.start_board(seed=3)
     assert stays_disarmed(rig)
