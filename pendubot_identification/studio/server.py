@@ -192,14 +192,16 @@ class Studio:
         assert process.stdin is not None
         process.stdin.write(json.dumps(job).encode() + b'\n')
         try:
-            return await _relay(request, process)
-        finally:
-            if self._spare is not None:
-                await _ended(process)
-            elif process.returncode is None:
+            response = await _relay(request, process)
+            # Not a worker that is being ended, whose request may be canceled before it has ended.
+            if process.returncode is None and self._spare is None:
                 self._spare = worker
-            else:
+            return response
+        finally:
+            if self._spare is None:
                 self.prepare()
+            elif self._spare is not worker:
+                await _ended(process)
 
     def prepare(self) -> asyncio.Task[asyncio.subprocess.Process]:
         """Start a worker before it is needed, because its imports take a second."""
