@@ -91,13 +91,9 @@ class Identifier(ManagedNode):
         self._goal: ServerGoalHandle | None = None
         self.serve('~/identify', self._on_identify)
         if Identify is not None:
+            group = ReentrantCallbackGroup()
             ActionServer(
-                self,
-                Identify,
-                '~/identify',
-                self._on_goal,
-                cancel_callback=self._on_cancel,
-                callback_group=ReentrantCallbackGroup(),
+                self, Identify, '~/identify', self._on_goal, cancel_callback=self._on_cancel, callback_group=group
             )
 
     def _activate(self) -> None:
@@ -110,8 +106,7 @@ class Identifier(ManagedNode):
     def _deactivate(self) -> None:
         self._computation.stop()
 
-    def _close(self) -> None:
-        self._computation.stop()
+    _close = _deactivate
 
     def _check(self, s: dict[str, Any]) -> None:
         self._settings(s)
@@ -190,8 +185,7 @@ class Identifier(ManagedNode):
             read = [BagWindow.parse(bag).path for bag in bags + validation]
             refuse_input(output, [*read, Path(s['start']) if s['start'] else None])
             refuse_unwritable(output, overwrite=s['force'], force=FORCE)
-        remedies = s['apply_remedies']
-        result = computation.run(bags, validation, settings, self._on_progress, apply_remedies=remedies)
+        result = computation.run(bags, validation, settings, self._on_progress, apply_remedies=s['apply_remedies'])
         level, text = result.level, headline(result)
         self.log(level, f'identified\n{summary(result)}')
         try:

@@ -153,7 +153,7 @@ class Tracker(ManagedNode):
     def _publish(self) -> None:
         state = self._tracker.state
         if self._rivals or self._unreadable or state is None:
-            self._publish_quality(*self._condition(), {})
+            self._report(*self._condition(), {})
             return
         if state.t - self._published_at < 1 / self.get_parameter('rate').value and state.t >= self._published_at:
             return
@@ -163,9 +163,7 @@ class Tracker(ManagedNode):
                 self.get_logger().info(f'tracking, level {state.level.name}: {self._condition()[1]}')
             self._published, self._published_at = state, state.t
         # The message describes the published parameters, for their receivers.
-        self._publish_quality(
-            *self._condition(), self._values(self._published or state), state.theta if moved else None
-        )
+        self._report(*self._condition(), self._values(self._published or state), state.theta if moved else None)
 
     def _moved(self, state: State) -> bool:
         last = self._published
@@ -191,7 +189,7 @@ class Tracker(ManagedNode):
             values['model'] = segment_settings.model
         return values | {'criterion': 'weak, tracked', 'last_change': self._last_change}
 
-    def _publish_quality(self, level: Level, text: str, values: dict[str, Any], theta: Any = None) -> None:
+    def _report(self, level: Level, text: str, values: dict[str, Any], theta: Any = None) -> None:
         """Publish the quality if it differs from the last message, except in the digits of its text."""
         key = level, ''.join(c for c in text if not c.isdigit()), values
         if key != self._last_quality or theta is not None:

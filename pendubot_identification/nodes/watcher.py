@@ -85,10 +85,9 @@ class Watcher(Node):
         entries = []
         for name, value in self._theta.items():
             high = values.get(f'{name}.interval', '').strip('()').split(',')[-1]  # of '(None, None)' if it is unknown
-            half = number(high) - value
-            interval = half if math.isfinite(half) else None
+            half = reach if math.isfinite(reach := number(high) - value) else None
             if math.isfinite(value):
-                entries.append({'name': name, 'value': value, 'half': interval, 'unit': values.get(f'{name}.unit')})
+                entries.append({'name': name, 'value': value, 'half': half, 'unit': values.get(f'{name}.unit')})
         return entries
 
 
