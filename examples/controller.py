@@ -49,8 +49,11 @@ class Controller(Node):
 def main():
     """Run until Ctrl-C."""
     rclpy.init()
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(Controller())
+    try:
+        with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+            rclpy.spin(Controller())
+    finally:
+        rclpy.try_shutdown()
 
 
 if __name__ == '__main__':
