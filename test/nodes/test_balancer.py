@@ -103,9 +103,8 @@ def test_a_failure_of_bridge_board_or_balancer_stops_the_motor_for_good(rig):
 
     begin_and_hold(rig)
     balancer.kill()
-    # The motor is still armed, at zero torque after the command timeout.
+    # Without commands the torque is zero; the rig falls, perhaps beyond a limit, which disarms the motor.
     rig.until(lambda: not rig.trace()[-200:, 3].any())
-    assert rig.trace()[-1, 4] & ARMED
     assert rig.call('disarm').success
     rig.publish()
     rig.start('balancer').wait_for('prepared')
