@@ -103,6 +103,10 @@ def test_canceling_killing_the_node_or_killing_the_process_ends_the_computation(
         assert answer.status == GoalStatus.STATUS_ABORTED
         assert answer.result.message.startswith('the process of the identification ended with status -9')
 
+        assert goals.set('/identifier', optimizer='lsq', generations=0).successful
+        status, _ = goals.result(bag)
+        assert status == GoalStatus.STATUS_SUCCEEDED
+        assert goals.set('/identifier', optimizer='auto', generations=LONG['generations']).successful
         _, child = computing()
         end = os.pidfd_open(child)
         program.kill()

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
-from test.nodes.conftest import PULSES
+from test.nodes.conftest import FAST, PULSES
 from test.nodes.observer import Observer
 from test.processes import Program, parameters
 from test.rig import ARMED, PATIENT, WATCHDOG
@@ -155,15 +155,15 @@ def test_the_exciter_moves_the_rig_only_while_an_active_recorder_writes(manager,
 
 
 def test_inactive_identifiers_and_trackers_are_idle(manager):
-    with Program('identifier', *parameters(bags='[/nowhere]', autostart='false')) as program:
+    bag = ROOT / 'bags/paper_experiment'
+    with Program('identifier', *parameters(bags=f'[{bag}]', autostart='false', **FAST)) as program:
         assert manager.change('identifier', 'configure')
         answer = manager.call(Trigger, '/identifier/identify')
         assert (answer.success, 'the identifier is inactive' in answer.message) == (False, True)
-        assert not manager.quality
+        assert not manager.params
         assert manager.change('identifier', 'activate')
-        manager.until(lambda: manager.quality)
+        manager.until(lambda: manager.params)
         assert program.stop() == 0
-    bag = ROOT / 'bags/paper_experiment'
     with Program('tracker') as program, ExitStack() as stack:
         program.wait_for('8 s of motion without a gap are needed')
         stack.enter_context(Program('player', *parameters(bag=bag, topics='[joint_states]')))
