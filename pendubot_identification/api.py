@@ -322,13 +322,12 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
 
 def _numbers(name: str, values: ArrayLike) -> Array:
     """Return an argument as an array of numbers, NaN if masked; dates and durations in seconds from the first."""
-    if isinstance(values, np.ma.MaskedArray):
-        values = np.ma.filled(values.astype(float), math.nan)
     array = np.asarray(values)
     if array.dtype.kind in 'mM':
         array = (array - array[:1]) / np.timedelta64(1, 's')
     try:
-        return array.astype(float)
+        masked = isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values)
+        return np.where(masked, math.nan, array.astype(float))
     except (TypeError, ValueError) as error:
         raise ParameterError(f'{name} cannot be read: {error}; numbers are expected') from None
 

@@ -181,8 +181,9 @@ def test_masked_samples_are_missing():
     motion = read(f'{SAMPLE}@0:9')
     q = np.ma.array(motion.q)
     q[30, 1] = np.ma.masked
-    with pytest.raises(PendubotError, match=r'1 of \d+ samples .* add skip_missing=True'):
-        identify(t=motion.t, q=q, tau=motion.tau, **FAST)
+    for t in (motion.t, np.ma.array((1e9 * motion.t).astype('datetime64[ns]'))):
+        with pytest.raises(PendubotError, match=r'1 of \d+ samples .* at 0\.\d+ s; .* add skip_missing=True'):
+            identify(t=t, q=q, tau=motion.tau, **FAST)
 
 
 def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
