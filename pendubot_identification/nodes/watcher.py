@@ -85,7 +85,8 @@ class Watcher(Node):
         entries = []
         for name, value in self._theta.items():
             high = values.get(f'{name}.interval', '').strip('()').split(',')[-1]  # of '(None, None)' if it is unknown
-            half = reach if math.isfinite(reach := number(high) - value) else None
+            reach = number(high) - value
+            half = reach if math.isfinite(reach) else None
             if math.isfinite(value):
                 entries.append({'name': name, 'value': value, 'half': half, 'unit': values.get(f'{name}.unit')})
         return entries
