@@ -300,7 +300,7 @@ def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, lis
     """
     found, last = list[DetectedEffect](), part
     for each, problem in find_effects(part.rough, EffectSettings(share=best.data.searched)):
-        accepted = each.accepted or bool((torque_noise(part.data, problem).min(axis=0) < 10).all())
+        accepted = each.accepted or _nearly_exact(part.data, problem)
         if accepted:
             try:
                 extended = Fits.of(part.data, problem, progress)
@@ -506,6 +506,11 @@ def torque_noise(data: TrainingData, problem: Problem) -> Array:
     return np.asarray(noise / math.sqrt(0.1) / (np.array(SETTINGS.quiet) * _effort(data)))
 
 
+def _nearly_exact(data: TrainingData, problem: Problem) -> bool:
+    """Return whether the torque noise is so small that all samples should be fitted."""
+    return bool((torque_noise(data, problem).min(axis=0) < 10).all())
+
+
 def _exact_fit(
     data: TrainingData, rough: Problem, all_intervals: Problem, progress: Progress, near: Problem | None = None
 ) -> Problem | None:
@@ -513,11 +518,10 @@ def _exact_fit(
 
     The start is the fit of all intervals, or the exact fit of an excerpt.
     """
-    if not (torque_noise(data, all_intervals).min(axis=0) < 10).all():
+    if not _nearly_exact(data, all_intervals):
         return None
     quiet = np.array(SETTINGS.quiet) * _effort(data)
     at = all_intervals.likelihood.shared
-    noise = np.exp(all_intervals.fit.x[at:].reshape(-1, 4))
     interval = min(m.interval for m in data.motions)
     off = abs(math.remainder(all_intervals.fit.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(
@@ -534,7 +538,7 @@ def _exact_fit(
     lower, upper = (np.append(each[:at], each[at : at + 4]) for each in (all_intervals.lower, all_intervals.upper))
     lower[at : at + 2] -= 1.0
     upper[at:] = [*quantum + math.log(SETTINGS.quantized), *np.log(math.sqrt(0.1) * quiet)]
-    first = np.append(all_intervals.fit.x[:at], [*quantum, *np.log(noise[:, 2:].min(axis=0))])
+    first = np.append(all_intervals.fit.x[:at], [*quantum, *all_intervals.fit.x[at:].reshape(-1, 4)[:, 2:].min(axis=0)])
     progress('likelihood: all samples', 0, 0, math.nan)
     try:
         found = fit(like, first if near is None else near.fit.x, lower, upper, 15, 0.02)

@@ -114,8 +114,7 @@ def _validate(run: Run, report: Progress) -> Run:
     answers = (validated(criterion, split, motions, report) for criterion in run.criteria)
     # Zeros of single recordings would compensate a common fault.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
-    named = {fault.name for fault in run.faults}
-    found = () if run.composite is None else remarks(run.composite, motions, run.sound, named)
+    found = () if run.composite is None else remarks(run.composite, motions, run.sound, {f.name for f in run.faults})
     return replace(split, estimates=estimates, remarks=(*run.remarks, *found))
 
 

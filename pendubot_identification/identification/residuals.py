@@ -43,10 +43,6 @@ class ResidualSettings:
 
 
 SETTINGS = ResidualSettings()
-WORSE = (
-    'the parameters do not explain the validation data to the quantization level, as they do the training data; check '
-    'that all recordings are of one rig, with the same signs and zeros'
-)
 
 
 def remaining_faults(faults: tuple[Fault, ...], answer: Composite, settings: Settings) -> tuple[Fault, ...]:
@@ -66,7 +62,7 @@ def remarks(answer: Composite, validation: Sequence[Motion], sound: bool, named:
     """Yield findings for the user; ``sound``: signs, order and zeros are right; ``named``: the recordings' faults."""
     yield from (found.sentence for found in answer.effects if found.name not in named)
     if sound:
-        yield from _of_validation(answer, validation)
+        yield from _inconsistencies(answer, validation)
         yield from () if answer.exact else disturbances(answer.rough)
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
@@ -76,8 +72,8 @@ def remarks(answer: Composite, validation: Sequence[Motion], sound: bool, named:
         )
 
 
-def _of_validation(answer: Composite, motions: Sequence[Motion]) -> Iterator[str]:
-    """Yield contradictions of all recordings, disturbances of those for validation, or else that they fit worse."""
+def _inconsistencies(answer: Composite, motions: Sequence[Motion]) -> Iterator[str]:
+    """Yield contradictions of all recordings, and disturbances or a poor fit of those for validation."""
     data, model, delay = answer.data, answer.model, answer.delay
     training = [compensated(m, answer.effects, delay) for m in data.excerpt().motions]
     actual = [compensated(m, answer.effects, delay) for m in motions if m.end - m.start > FITTING.shortest]
@@ -88,7 +84,11 @@ def _of_validation(answer: Composite, motions: Sequence[Motion]) -> Iterator[str
             found += disturbances(problem)
             # Quantization alone can look like torque noise.
             worse = (torque_noise(data, problem) > 1) & (unexplained(problem.likelihood, problem.fit.x) > FITTING.least)
-            found += [WORSE] if answer.exact and worse.any() and not found else []
+            if answer.exact and worse.any() and not found:
+                found.append(
+                    'the parameters do not explain the validation data to the quantization level, as they do the '
+                    'training data; check that all recordings are of one rig, with the same signs and zeros'
+                )
     except TrajectoryError as error:
         found.append(str(error))
     yield from found
