@@ -102,7 +102,9 @@ def test_the_policy_allows_exactly_the_topics_and_services_that_the_nodes_use(ro
                 if spin_until(node, lambda observer=observer: not differences(observer, names), 15.0):
                     return started, observer.get_node_names_and_namespaces_with_enclaves()
                 missed = str(differences(observer, names))
-        return pytest.fail('\n'.join([missed, *(each.output for each in started)]))
+        return pytest.fail(
+            '\n'.join([missed, *(f'{each.name} {each.process.poll()}: {each.output}' for each in started)])
+        )
 
     with ExitStack() as programs:
         # The exciter would end beside the player, a second publisher of joint states.
