@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from pendubot_identification.arrays import Array, Indices
-from pendubot_identification.errors import BagError, LongRecordingError, MissingFileError, TrajectoryError
+from pendubot_identification.errors import BagError, LongRecordingError, MissingFileError, TrajectoryError, noting
 from pendubot_identification.files import content_hash
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -249,7 +249,10 @@ def read_trajectory(
         # A velocity is optional in each message.
         velocities = values[:, 2] if np.isfinite(values[:, 2]).all() else None
         motion = conversion.motion(elapsed_ns / 1e9, values[:, 0], values[:, 1], velocities, str(window))
-    note = '; '.join(filter(None, [reader.note, repeats, window.cut(float(motion.require_samples().t[-1]))]))
+    notes = [*filter(None, [reader.note, repeats])]
+    with noting(notes):
+        end = float(motion.require_samples().t[-1])
+    note = '; '.join(filter(None, [*notes, window.cut(end)]))
     return RecordedTrajectory(motion, window, reader.content_hash, reader.closed, note, taken_as)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
 
-from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError, noting
+from pendubot_identification.errors import LongRecordingError, ParameterError, TrajectoryError
 from pendubot_identification.identification.fitting import SETTINGS as FITTING
 from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.conversion import Conversion, options
@@ -56,9 +56,7 @@ def load_datasets(bags: Sequence[str], validate: Sequence[str] = (), conversion:
 def divided(training: Sequence[RecordedTrajectory], validation: Sequence[RecordedTrajectory]) -> Datasets:
     """Return motions for training and validation, with sources and notes; a single one without a window is halved."""
     if not validation and len(training) == 1 and training[0].window == BagWindow(training[0].window.path):
-        single = training[0]
-        with noting(filter(None, [single.note])):
-            half = len(single.trajectory.require_samples()) // 2
+        single, half = training[0], len(training[0].trajectory.require_samples()) // 2
         training = [replace(single, trajectory=single.trajectory[:half])]
         validation = [replace(single, trajectory=single.trajectory[half:])]
     pairs = [('training', r) for r in training] + [('validation', r) for r in validation]
