@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
+from scipy.special import stdtrit
+
 #: [ns]
 MS = 1_000_000
 SECOND = 1_000 * MS
@@ -34,10 +36,10 @@ class ClockSettings:
     bucket_us: int = 500_000  #: Longest bucket [us of board time]; only the smallest delay in a bucket is kept.
     finer: int = 4  #: The first buckets are shorter by this factor, so that the first skew comes early.
     growth: int = 16  #: Later buckets have the length of the window so far divided by this number.
-    fewest: int = 4  #: Smallest number of buckets for a skew.
+    fewest: int = 6  #: Smallest number of buckets for a skew, and for the smallest delay.
     max_slope: float = 100.0  #: A larger slope [ns per us] is clamped: 10 %.
     crystals: float = 1.0  #: Largest difference between two crystals [ns per us]: 0.1 %.
-    significant: float = 3.0  #: A slope exceeds ``crystals`` only by more than this many standard deviations.
+    confidence: float = 0.999  #: With this probability (Student's t) a slope exceeds ``crystals``.
     usual_skew: float = 0.2  #: Initial standard deviation of the skew [ns per us]: 200 ppm.
     #: Random walk of the skew: standard deviation after t us, divided by sqrt(t): 0.1 ppm in a second.
     wander: float = 1e-4 / 1e3
@@ -83,7 +85,7 @@ class BoardClock:
         self._jumped_us = 0  # sum of all jumps
         self._step_us = 0  # from one sample to the next; 0: not known yet
         self._in_a_row = 0  # consecutive samples with a replaced time
-        self._rate_error = (0.0, math.inf)  # the measured slope and its standard deviation
+        self._rate_error = (0.0, math.inf)  # the measured slope and its confidence interval's half-width
         self._arrival_ns = 0
         self._bucket_end = 0
         self._slope = 0.0  # ns of delay per us of board time; 1e-3 is 1 ppm
@@ -99,7 +101,7 @@ class BoardClock:
     def wrong_rate(self) -> float:
         """Skew of the host's clock as a fraction if it exceeds the tolerance of crystals, else 0."""
         slope, error = self._rate_error
-        return slope * 1e-3 if abs(slope) - SETTINGS.significant * error > SETTINGS.crystals else 0.0
+        return slope * 1e-3 if abs(slope) - error > SETTINGS.crystals else 0.0
 
     def observe(self, t_us: int, arrival_ns: int, frames: int = 1) -> int:
         """Update the estimate with a sample; return its board time [us], not wrapped.
@@ -107,7 +109,7 @@ class BoardClock:
         Args:
             t_us: wrapped sampling time on the board's clock [us].
             arrival_ns: arrival on the host's clock [ns].
-            frames: number of frames since the previous sample.
+            frames: number of samples since the previous one, including lost ones.
         """
         if self._origin_us is None:
             self._origin_us = board_us = t_us
@@ -131,6 +133,8 @@ class BoardClock:
         delay_ns = arrival_ns - 1000 * board_us
         self._board_us, self._arrival_ns = board_us, arrival_ns
         if not self._minima or board_us >= self._bucket_end:
+            if self._minima and self._minima[-1].board_us * 1000 + self._minima[-1].delay_ns == arrival_ns:
+                self._minima.pop()  # read together with this sample, so that its delay was longer
             while self._minima and self._minima[0].board_us < board_us - SETTINGS.window_us:
                 self._minima.popleft()
             seen_us = board_us - self._minima[0].board_us if self._minima else 0
@@ -151,7 +155,9 @@ class BoardClock:
         tolerance = max(SETTINGS.tolerance_us, self._step_us // 2)
         if abs(board_us - predicted) <= tolerance:
             return False
-        return board_us <= self._board_us or self.host_time(board_us) > arrival_ns + 1000 * tolerance
+        # The first delays may all be long, so that a later sample seems to come from the future.
+        early = len(self._minima) < SETTINGS.fewest
+        return board_us <= self._board_us or (not early and self.host_time(board_us) > arrival_ns + 1000 * tolerance)
 
     def host_time(self, board_us: int) -> int:
         """Return the present estimate of the host time [ns] of a board time that :meth:`observe` returned."""
@@ -181,7 +187,7 @@ class BoardClock:
         above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
         # Two of the points lie on the line.
         error = SETTINGS.uncertainty * max(above / (count - 2), SETTINGS.finest) / seen_us
-        self._rate_error = slope, error
+        self._rate_error = slope, error * float(stdtrit(count - 2, SETTINGS.confidence))
         # Earlier updates used most of the window: one bucket adds only its fraction of the information.
         noise = error**2 * seen_us / self._span_us
         self._variance += SETTINGS.wander**2 * self._span_us
