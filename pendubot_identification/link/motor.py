@@ -21,8 +21,6 @@ from .protocol import BITS, FAULTS, Arm, Command, Hello, Mode, State, Status
 ARMING_TIMEOUT = 500 * MS
 #: Repetition interval of requests to arm and to disarm, until the board has executed them [ns].
 REPEAT_INTERVAL = 50 * MS
-#: Time after this host's last command during which a refused request may be its own, of an ended session [ns].
-IN_FLIGHT = 200 * MS
 #: The report while the board does not execute the request to disarm.
 DISOBEYED = 'the board ignores the request to disarm: press the emergency stop, then check its wiring'
 #: The previous STATE of the first STATE.
@@ -57,7 +55,7 @@ class Motor:
         self._new_session = new_session or count(1).__next__
         self._session = 0
         self._arming_since: int | None = None
-        self._lock: int | None = None  # lock number in the pending ARM
+        self._disarming = False  # until a STATE confirms a mode 0
         self._frames_before = 0  # number of frames sent before the last disarming
         self._arm_seq = 0  # sequence number of the first ARM of this arming
         self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by sequence number
@@ -65,7 +63,6 @@ class Motor:
         self._torque = 0
         self._last_effort = 0
         self._last_sent = 0
-        self._last_torque_sent = -SECOND
         self.restarted()
 
     def contested(self, now: int) -> bool:
@@ -82,7 +79,7 @@ class Motor:
         """Handle a restart of the board: it is disarmed, without a session."""
         self.board: Hello | None = None
         self.disobeyed = False
-        self._disarming_since: int | None = None  # until a STATE confirms a mode 0
+        self._lock: int | None = None  # lock number in the last ARM, until a STATE confirms a mode 0
         self._before = _NO_STATE  # the last STATE
         self._refused: int | None = None
 
@@ -94,7 +91,6 @@ class Motor:
             self.lost = ''
             self._session = self._new_session()
             self._arming_since = now
-            self._lock = None
             self._torque = 0
             self.effort_stopped = False
             self._go_on_arming(state, now)
@@ -109,8 +105,8 @@ class Motor:
         elif was_armed and not wanted:
             self.lost = reason
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
-        if self._disarming_since is None:
-            self._disarming_since = now
+        if not self._disarming:
+            self._disarming = True
             self._frames_before = self._output.frames
         self._send(Mode.DISARM, now)
 
@@ -162,8 +158,11 @@ class Motor:
 
     def poll(self, now: int) -> None:
         """Repeat due requests and commands, time out the arming, and command 0 after the last effort command."""
-        if self._disarming_since is not None and self._output.open and now - self._last_sent >= REPEAT_INTERVAL:
-            self._send(Mode.DISARM, now)
+        if self._output.open and now - self._last_sent >= REPEAT_INTERVAL:
+            if self._disarming:
+                self._send(Mode.DISARM, now)
+            elif self._arming_since is not None and self._lock is not None:
+                self._request(self._lock, now)
         if self._arming_since is not None and now - self._arming_since >= ARMING_TIMEOUT:
             self.stop('the board did not confirm the arming within 0.5 s', now)
         elif not self.armed:
@@ -198,27 +197,29 @@ class Motor:
     def _follow_disarmed(self, state: State, risen: int, now: int) -> None:
         on, was_on = (bool(s.status & Status.ARMED or s.torque) for s in (state, self._before))
         # Switched on without an ARM of this host, or on although it was disarmed.
-        foreign = on and (self._disarming_since is None or not (was_on or state.lock == self._lock))
+        foreign = on and (not self._disarming or not (was_on or state.lock == self._lock))
         if foreign:
             self.lost = 'another program armed the motor, or a bridge that was killed'
             if self._output.is_new('armed by another', now):
                 text = f'the board applies {state.torque / 1e6:g} N m, armed by another program; disarming it'
                 self._output.report(Level.ERROR, f'{text}: end that program')
             self.stop(self.lost, now)
-        elif self._disarming_since is None:
+        elif not self._disarming:
             if risen & FAULTS:
                 self.stop('a fault', now)  # a mode 0 clears a fault that is over
         elif not on and self._is_own(state.cmd_seq):
-            self._disarming_since, self.disobeyed = None, False
-        elif on and now - self._disarming_since >= ARMING_TIMEOUT and not self.disobeyed:
+            self._disarming, self.disobeyed, self._lock = False, False, None
+        elif (
+            on and self._output.frames - self._frames_before > ARMING_TIMEOUT // REPEAT_INTERVAL and not self.disobeyed
+        ):
             self.disobeyed = True
             self._output.report(Level.ERROR, DISOBEYED)
 
     def _go_on_arming(self, state: State, now: int) -> None:
         """Request the arming after the board has executed the last mode 0; detect its success or failure."""
-        if self._disarming_since is not None:
+        if self._disarming:
             self._follow_disarmed(state, 0, now)
-        if self._disarming_since is not None:
+        if self._disarming:
             return
         status, own = state.status, self._is_own(state.cmd_seq)
         if status & FAULTS:
@@ -234,8 +235,7 @@ class Motor:
             state.lock != self._lock and not (own and self._is_before_arming(state.cmd_seq))
         ):
             self.stop('another program armed or disarmed the board in the meantime; end that program', now)
-        elif state.lock != self._lock or now - self._last_sent >= REPEAT_INTERVAL:
-            # A repeated mode 0 of this host arrived late, or the ARM was lost.
+        elif state.lock != self._lock:  # a repeated mode 0 of this host arrived late
             self._request(state.lock, now)
 
     def _contradiction(self, state: State) -> str:
@@ -276,8 +276,8 @@ class Motor:
         """Count and report the requests of other programs that the board refused."""
         more = 0 if self._refused is None else (state.refused - self._refused) % _SEQS
         self._refused = state.refused
-        # A command of an ended session, or an ARM that arrived too late, may be this host's own.
-        if more and (self.armed or now - self._last_torque_sent >= IN_FLIGHT):
+        # Until a STATE confirms an arming or a mode 0, an earlier request of this host may be among them.
+        if more and (self.armed or (self._arming_since is None and not self._disarming)):
             self._counters.foreign_requests += more
             self._last_foreign = now
             if self._output.is_new('foreign', now):
@@ -302,15 +302,13 @@ class Motor:
             session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
             self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **session)
             self._sent[self._output.seq] = 0
-            self._last_sent = self._last_torque_sent = now
+            self._last_sent = now
 
     def _send(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
         session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
         self._output.send(Command, now, mode=mode, torque=torque, **session)
         self._sent[self._output.seq] = torque
-        if mode is Mode.TORQUE:
-            self._last_torque_sent = now
         # A closed port took nothing: once it is open, the request to disarm is repeated at once.
         self._last_sent = now if self._output.open else now - REPEAT_INTERVAL
 
