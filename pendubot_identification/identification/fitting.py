@@ -34,11 +34,10 @@ from pendubot_identification.trajectories.motion import Motion, root_mean_square
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .catalogue import DetectedEffect
+from .effects import DetectedEffect, EffectSettings, Problem, find_effects, vuong
 from .estimate import Progress
 from .linear import Linear, linear
 from .prediction import state_scale
-from .selection import EffectSettings, Problem, find_effects, vuong
 from .settings import Settings
 
 GEARED = MODELS['geared']

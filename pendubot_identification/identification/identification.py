@@ -12,8 +12,8 @@ from pendubot_identification.level import Level
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .catalogue import DetectedEffect, compensated
 from .conventions import Fault
+from .effects import DetectedEffect, compensated
 from .estimate import Estimate
 from .fitting import Composite, TrainingData
 from .options import CRITERIA

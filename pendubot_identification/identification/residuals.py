@@ -17,12 +17,11 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.trajectories.motion import Motion
 
-from .catalogue import compensated
 from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
+from .effects import Problem, compensated
 from .estimate import Zeros
 from .fitting import SETTINGS as FITTING
 from .fitting import Composite, torque_noise, unexplained, with_fitted_noise
-from .selection import Problem
 from .settings import Settings
 
 

@@ -14,7 +14,7 @@ from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 
-from .catalogue import compensated
+from .effects import compensated
 from .estimate import Effort, Estimate, Progress
 from .fitting import Composite
 from .identification import Run

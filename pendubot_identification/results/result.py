@@ -132,7 +132,7 @@ class DataFault:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportedEffect:
-    """An unmodelled effect, see :class:`.catalogue.DetectedEffect`."""
+    """An unmodelled effect, see :class:`.effects.DetectedEffect`."""
 
     name: str
     where: str

@@ -10,8 +10,15 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.likelihood import fit
-from pendubot_identification.identification.catalogue import MEANINGS, REPETITIONS, catalogue, compensated
-from pendubot_identification.identification.selection import EffectSettings, Problem, find_effects
+from pendubot_identification.identification.effects import (
+    MEANINGS,
+    REPETITIONS,
+    EffectSettings,
+    Problem,
+    catalogue,
+    compensated,
+    find_effects,
+)
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test import simulated_rig as rig
