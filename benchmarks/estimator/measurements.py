@@ -7,9 +7,9 @@ from itertools import combinations, product
 
 import numpy as np
 
+from pendubot_identification.criteria.prediction_error import predict, state_scale
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.identification.pipeline import identify
-from pendubot_identification.identification.prediction import predict, state_scale
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.trajectories.motion import Motion

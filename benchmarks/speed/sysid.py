@@ -26,10 +26,16 @@ import pendubot_identification as pendubot
 from benchmarks.exports import errors_in_mujoco
 from benchmarks.markdown import table
 from benchmarks.speed import measure
-from pendubot_identification.criteria.prediction_error import Simulations
+from pendubot_identification.criteria.prediction_error import (
+    ASSESSED,
+    HORIZONS,
+    STRIDE,
+    Simulations,
+    predict,
+    state_scale,
+)
 from pendubot_identification.formats.masses import rig_of
 from pendubot_identification.formats.robots import mjcf
-from pendubot_identification.identification.prediction import ASSESSED, HORIZONS, STRIDE, predict, state_scale
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped

@@ -10,6 +10,8 @@ As a criterion, with the composite likelihood's quadratic approximation as prior
 r is the error of each state after each horizon. S is its scale: a factor of each state and horizon times a factor of
 each recording, so that no recording dominates. eps is the number of independent simulations, one per longest horizon,
 over the number of overlapping ones.
+
+As a measure of estimates, :func:`predict` divides the errors by the standard deviations of the states.
 """
 
 from __future__ import annotations
@@ -31,6 +33,14 @@ from .likelihood import FilterData, bounded_step
 
 #: Runge-Kutta step [s], a divisor of all horizons; stiff friction needs substeps.
 STEP = 0.005
+#: Prediction horizons [s].
+HORIZONS = (0.1, 0.25, 0.5, 1.0)
+#: Time from one start to the next [s].
+STRIDE = 0.05
+#: Number of horizons by which models and criteria are compared; at 1 s some motions are chaotic.
+ASSESSED = 3
+#: Largest error of a simulation, in standard deviations; all larger ones count as this.
+LOST = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,3 +285,83 @@ def _descend(criterion: _Criterion, theta: Array, scales: _Scales, bounds: Bound
             break
         theta, cost, damping = trial, after, damping / 5
     return theta, begin - cost
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Simulation errors at the end of each of :data:`HORIZONS`, over the states' standard deviations.
+
+    Attributes:
+        errors: root mean square by horizon and state q1 q2 q1' q2', shape (H, 4); NaN if all motions are shorter.
+        still: the same for a prediction of constant state, shape (H, 4).
+        starts: number of simulations of each horizon, shape (H,).
+    """
+
+    errors: Array
+    still: Array
+    starts: NDArray[np.intp]
+
+    @property
+    def error(self) -> Array:
+        """Root mean square over the four states, shape (H,)."""
+        return np.asarray(np.sqrt((self.errors**2).mean(axis=1)))
+
+    @property
+    def persistence(self) -> Array:
+        """The same for a prediction of constant state, shape (H,)."""
+        return np.asarray(np.sqrt((self.still**2).mean(axis=1)))
+
+    @property
+    def fit(self) -> Array:
+        """Fit of each state in per cent, 100 (1 - error / standard deviation), shape (H, 4)."""
+        return 100 * (1 - self.errors)
+
+    @classmethod
+    def none(cls) -> Prediction:
+        """Return a prediction without simulations."""
+        nothing = np.full((len(HORIZONS), 4), np.nan)
+        return cls(nothing, nothing.copy(), np.zeros(len(HORIZONS), dtype=np.intp))
+
+    @classmethod
+    def pool(cls, parts: Sequence[Prediction]) -> Prediction:
+        """Return the errors of several predictions together."""
+        starts = np.array([part.starts for part in parts])
+        share = starts / np.maximum(starts.sum(axis=0), 1)
+
+        def mean(each: Sequence[Array]) -> Array:
+            pooled = np.sqrt(np.einsum('ph,phs->hs', share, np.nan_to_num(each) ** 2))
+            return np.where(starts.sum(axis=0)[:, None] > 0, pooled, np.nan)
+
+        return cls(mean([p.errors for p in parts]), mean([p.still for p in parts]), starts.sum(axis=0))
+
+
+def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array) -> Prediction:
+    """Simulate every motion from its smoothed state on, with its torque, every 50 ms.
+
+    Args:
+        motions: to be predicted.
+        theta: shape (D,).
+        delay: of the effort [s].
+        scale: the states' standard deviations, shape (4,).
+    """
+    result = Prediction.none()
+    longest = np.array([m.end - m.start - abs(delay) for m in motions])
+    for row, horizon in enumerate(HORIZONS):
+        long = [m for m, length in zip(motions, longest, strict=True) if length >= horizon + m.interval]
+        if not long:
+            continue
+        simulations = Simulations.of(long, theta, delay, np.zeros(2), (horizon,), STRIDE)
+        with np.errstate(all='ignore'):
+            off = simulations.errors(theta)[0][0] / scale[:, None]
+        off = np.where(np.isfinite(off), np.clip(off, -LOST, LOST), LOST)
+        still = (simulations.start - simulations.end[0]) / scale[:, None]
+        result.errors[row] = np.sqrt((off**2).mean(axis=1))
+        result.still[row] = np.sqrt((still**2).mean(axis=1))
+        result.starts[row] = len(simulations.t)
+    return result
+
+
+def state_scale(motions: Sequence[Motion]) -> Array:
+    """Return the standard deviations of q1 q2 q1' q2' over all motions [rad, rad/s], shape (4,)."""
+    states = [m.states(np.arange(m.start, m.end, 0.01)) for m in motions]
+    return np.asarray(np.maximum(np.concatenate(states, axis=1).std(axis=1), 1e-9))

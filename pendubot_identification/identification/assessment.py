@@ -10,6 +10,7 @@ import numpy as np
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.prediction_error import ASSESSED, HORIZONS
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.errors import ExcitationError
 from pendubot_identification.level import NORMAL_95, Level
@@ -21,7 +22,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .conventions import Fault
 from .estimate import Estimate
 from .options import DELAYS
-from .prediction import ASSESSED, HORIZONS
 from .settings import Settings
 
 SEVEN = NAMES[: MODELS['viscous']]

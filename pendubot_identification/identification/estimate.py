@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pendubot_identification.arrays import Array, Flags
+from pendubot_identification.criteria.prediction_error import Prediction
 from pendubot_identification.level import POOR, Level
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 
-from .prediction import Prediction
 from .uncertainty import student_quantile
 
 #: Callback: activity, amount done, total amount (0: unknown), and the best J so far.

@@ -26,7 +26,7 @@ from pendubot_identification.criteria.likelihood import (
     bounded_step,
     fit,
 )
-from pendubot_identification.criteria.prediction_error import refine
+from pendubot_identification.criteria.prediction_error import refine, state_scale
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds, Parameters, repaired
 from pendubot_identification.model.simulation import substeps
@@ -37,7 +37,6 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from .effects import DetectedEffect, EffectSettings, Problem, find_effects, vuong
 from .estimate import Progress
 from .linear import Linear, linear
-from .prediction import state_scale
 from .settings import Settings
 
 GEARED = MODELS['geared']

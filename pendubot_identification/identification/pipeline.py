@@ -1,15 +1,19 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From motions to parameters: prepare, check conventions, fit, validate, assess."""
+"""From motions to an identification: prepare, check conventions, fit, validate, assess."""
+
+from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.level import Level
 from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import evenly_stamped
@@ -17,13 +21,108 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .assessment import assess, require_excitation, stillness
 from .conventions import Fault, corrected_conversion, detect_faults, link_length
-from .estimate import Progress
-from .fitting import TrainingData, fit_composite
-from .identification import Identification, Run
-from .prediction import folds
+from .effects import DetectedEffect, compensated
+from .estimate import Estimate, Progress
+from .fitting import Composite, TrainingData, fit_composite
+from .options import CRITERIA
 from .residuals import remaining_faults, remarks
 from .settings import Settings
-from .validation import validated
+from .validation import Fold, folds, validated
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """The estimates of all criteria, and the findings for the level of the published one.
+
+    Attributes:
+        settings: of the identification.
+        estimates: one for each requested criterion, and for energy.
+        published: index of the published estimate.
+        faults: of the recordings.
+        interval: sampling interval of the training data [s].
+        smoothing: smoothing window of the states [s].
+        validation: the predicted data, in words.
+        link_length: P3 / P5 [m] by the elbow's equation, and its standard error.
+        effects: unmodelled effects, the accepted ones first.
+        unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None
+            without the likelihood, or if the residual is at the quantization level.
+        uncorrected: the identification before the first correction of the recordings; None without one.
+    """
+
+    settings: Settings
+    estimates: tuple[Estimate, ...]
+    published: int
+    faults: tuple[Fault, ...]
+    interval: float
+    smoothing: float
+    validation: str
+    link_length: tuple[float, float]
+    effects: tuple[DetectedEffect, ...] = ()
+    unmodelled: Array | None = None
+    uncorrected: Identification | None = None
+
+    @property
+    def best(self) -> Estimate:
+        """The estimate that is published."""
+        return self.estimates[self.published]
+
+    @property
+    def level(self) -> Level:
+        """The level of the published estimate."""
+        return self.best.level
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The reasons of the level, in sentences for the user."""
+        return self.best.warnings
+
+    def compensated(self, motion: Motion) -> Motion:
+        """Return a motion with the acting torques by the accepted effects."""
+        return compensated(motion, self.effects, self.best.effort.delay)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """The state of an identification after a stage.
+
+    Attributes:
+        data: the training recordings, with the settings of the identification.
+        validation_motions: motions for validation alone.
+        notes: warnings of the data, for every criterion.
+        remarks: warnings for the published criterion.
+        faults: of the recordings.
+        composite: the estimate by the likelihood.
+        folds: parts of the training data, each predicted from the rest.
+        estimates: one for each criterion.
+    """
+
+    data: TrainingData
+    validation_motions: tuple[Trajectory, ...]
+    notes: tuple[str, ...]
+    remarks: tuple[str, ...]
+    faults: tuple[Fault, ...] = ()
+    composite: Composite | None = None
+    folds: tuple[Fold, ...] = ()
+    estimates: tuple[Estimate, ...] = ()
+
+    @property
+    def criteria(self) -> list[str]:
+        """The requested criteria, and energy."""
+        return [c for c in CRITERIA if c in self.data.settings.criteria or c == 'energy']
+
+    @property
+    def sound(self) -> bool:
+        """Whether signs, order and zeros are right."""
+        return not any(f.level is Level.ERROR and f.name not in ('delay', 'motion', 'offset') for f in self.faults)
+
+    @property
+    def validation(self) -> str:
+        """The predicted data, in words."""
+        if self.validation_motions:
+            return 'on data that was not used for estimation'
+        if len(self.folds) == len(self.data.motions):
+            return 'each recording predicted from the others'
+        return f'each of {len(self.folds)} blocks of time predicted from the others'
 
 
 def identify(
@@ -63,7 +162,7 @@ def check(
         TrajectoryError, ExcitationError: as :func:`identify`.
     """
     prepared = _prepare(training, validation, settings or Settings(), (), lambda activity, done, total, best: None)
-    return detect_faults(prepared.data.motions, prepared.settings)
+    return detect_faults(prepared.data.motions, prepared.data.settings)
 
 
 def _prepare(
@@ -77,33 +176,32 @@ def _prepare(
     report('preparing', 0, 0, math.nan)
     motions, others = ([evenly_stamped(motion.require_samples()) for motion in part] for part in (training, validation))
     require_excitation(motions, settings)
-    of_rig = settings.of_rig(motions)
     moving = tuple(motion for motion in others if not stillness(motion))
     noted = (*notes, *filter(None, map(stillness, others)))
     warnings = (*noted, *data_checks([*training, *validation]))
-    return Run(of_rig, TrainingData.prepare(motions, of_rig), moving, noted, warnings)
+    return Run(TrainingData.prepare(motions, settings.of_rig(motions)), moving, noted, warnings)
 
 
 def _check_conventions(run: Run, report: Progress) -> Run:
     """Check signs, order, zeros and stamps."""
     report('checking signs, zeros and stamps', 0, 0, math.nan)
-    return replace(run, faults=detect_faults(run.data.excerpt().motions, run.settings))
+    return replace(run, faults=detect_faults(run.data.excerpt().motions, run.data.settings))
 
 
 def _fit(run: Run, report: Progress) -> Run:
     """Minimise the likelihood."""
-    if 'likelihood' not in run.settings.criteria:
+    if 'likelihood' not in run.data.settings.criteria:
         return run
     report('weak: rough parameters', 0, 0, math.nan)
     try:
-        composite = fit_composite(run.data, report, effects=run.settings.compensate and run.sound)
+        composite = fit_composite(run.data, report, effects=run.data.settings.compensate and run.sound)
     except TrajectoryError as error:
         if not run.faults:
             raise
         corrected = corrected_conversion(run.faults)
         words = {} if corrected is None else corrected.words()
         raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
-    faults = remaining_faults(run.faults, composite, run.settings)
+    faults = remaining_faults(run.faults, composite, run.data.settings)
     return replace(run, data=composite.data, composite=composite, faults=faults)
 
 
@@ -111,7 +209,7 @@ def _validate(run: Run, report: Progress) -> Run:
     """Compute the estimate of each criterion, with its prediction of validation data, and check residuals."""
     motions = [Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions]
     split = replace(run, folds=() if motions else tuple(folds(run.data.motions)))
-    answers = (validated(criterion, split, motions, report) for criterion in run.criteria)
+    answers = (validated(c, run.data, run.composite, split.folds, motions, report) for c in run.criteria)
     # Zeros of single recordings would compensate a common fault.
     estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
     found = () if run.composite is None else remarks(run.composite, motions, run.sound, {f.name for f in run.faults})
@@ -120,13 +218,13 @@ def _validate(run: Run, report: Progress) -> Run:
 
 def _assess(run: Run) -> Identification:
     """Assess each estimate, and select the published one."""
-    published = run.criteria.index(max(run.settings.criteria, key=run.criteria.index))  # the most accurate is last
+    published = run.criteria.index(max(run.data.settings.criteria, key=run.criteria.index))  # the most accurate is last
     best = run.estimates[published]
     findings = (run.remarks if each is best else run.notes for each in run.estimates)
     pairs = zip(run.estimates, findings, strict=True)
     return Identification(
-        settings=run.settings,
-        estimates=tuple(assess(each, run.settings, run.faults, notes) for each, notes in pairs),
+        settings=run.data.settings,
+        estimates=tuple(assess(each, run.data.settings, run.faults, notes) for each, notes in pairs),
         published=published,
         faults=run.faults,
         interval=float(np.median([m.interval for m in run.data.motions])),

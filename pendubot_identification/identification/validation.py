@@ -5,36 +5,75 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from pendubot_identification.arrays import Array
+from pendubot_identification.criteria.prediction_error import Prediction, predict
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 
 from .effects import compensated
 from .estimate import Effort, Estimate, Progress
-from .fitting import Composite
-from .identification import Run
+from .fitting import Composite, TrainingData
 from .linear import estimate_linear, linear
-from .prediction import Fold, Prediction, predict
 from .residuals import recorded_zeros
 from .uncertainty import correlations, influence_covariance, scaled_condition_number
 
 
-def validated(criterion: str, run: Run, validation_motions: Sequence[Motion], report: Progress) -> Estimate:
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """A part of a recording that is predicted from the rest of the data.
+
+    Attributes:
+        held_out: the part.
+        recording: index of its recording.
+        rest: the other data.
+    """
+
+    held_out: Motion
+    recording: int
+    rest: tuple[Motion, ...]
+
+
+def folds(motions: Sequence[Motion], several: int = 3, blocks: int = 5) -> list[Fold]:
+    """Return a fold for each recording or, with fewer than ``several``, for each of about five blocks of time."""
+    result = []
+    for number, m in enumerate(motions):
+        others = [other for other in motions if other is not m]
+        if len(motions) >= several:
+            result.append(Fold(m, number, tuple(others)))
+            continue
+        count = blocks if len(motions) == 1 else (blocks + 1) // 2
+        for low, high in pairwise(np.linspace(m.start, m.end, count + 1)):
+            rest = [m.part(begin, end) for begin, end in ((m.start, low), (high, m.end)) if end > begin]
+            result.append(Fold(m.part(low, high), number, (*others, *rest)))
+    return result
+
+
+def validated(
+    criterion: str,
+    data: TrainingData,
+    composite: Composite | None,
+    left_out: Sequence[Fold],
+    validation_motions: Sequence[Motion],
+    report: Progress,
+) -> Estimate:
     """Return the estimate of one criterion with its prediction errors."""
-    if criterion == 'likelihood' and run.composite is not None:
-        found, parts = _likelihood(run.composite, validation_motions, run.folds)
+    if criterion == 'likelihood' and composite is not None:
+        found, parts = _likelihood(composite, left_out, validation_motions)
     else:
-        found, parts = _quadratic(criterion, run, validation_motions, report)
+        automatic = 'viscous' if criterion == 'energy' else 'geared' if composite is None else composite.model
+        model = automatic if data.settings.model == 'auto' else data.settings.model
+        found, parts = _quadratic(criterion, model, data, left_out, validation_motions, report)
     return replace(found, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
 def _likelihood(
-    answer: Composite, validation_motions: Sequence[Motion], left_out: Sequence[Fold]
+    answer: Composite, left_out: Sequence[Fold], validation_motions: Sequence[Motion]
 ) -> tuple[Estimate, list[Prediction]]:
     found, size, delay, scale = _estimate(answer), MODELS[answer.model], answer.delay, answer.data.scale
 
@@ -50,16 +89,18 @@ def _likelihood(
 
 
 def _quadratic(
-    criterion: str, run: Run, validation_motions: Sequence[Motion], report: Progress
+    criterion: str,
+    model: str,
+    data: TrainingData,
+    left_out: Sequence[Fold],
+    validation_motions: Sequence[Motion],
+    report: Progress,
 ) -> tuple[Estimate, list[Prediction]]:
-    settings, data, answer = run.settings, run.data, run.composite
-    automatic = 'viscous' if criterion == 'energy' else 'geared' if answer is None else answer.model
-    model = automatic if settings.model == 'auto' else settings.model
-    problem = data.linear(criterion, model)
+    settings, problem = data.settings, data.linear(criterion, model)
     assess = linear(criterion, validation_motions, model, settings, like=problem) if validation_motions else None
     found = estimate_linear(criterion, problem, model, settings, data.hold, report, assess)
     parts = [predict([m], found.theta, problem.delay, data.scale) for m in validation_motions]
-    for fold in run.folds:
+    for fold in left_out:
         try:
             rest = linear(criterion, fold.rest, model, settings, like=problem).criterion.minimum(settings.box(model))
         except TrajectoryError:  # too short for a test function

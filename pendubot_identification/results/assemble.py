@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pendubot_identification import __version__
+from pendubot_identification.criteria.prediction_error import HORIZONS, Prediction
 from pendubot_identification.identification.estimate import Estimate
-from pendubot_identification.identification.identification import Identification
-from pendubot_identification.identification.prediction import HORIZONS, Prediction
+from pendubot_identification.identification.pipeline import Identification
 from pendubot_identification.model.parameters import NAMES, UNDER_LOAD, UNITS
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.trajectory import Source

@@ -10,7 +10,7 @@ from typing import Any
 
 from scipy.special import ndtr, stdtr
 
-from pendubot_identification.identification.prediction import HORIZONS, predict, state_scale
+from pendubot_identification.criteria.prediction_error import HORIZONS, predict, state_scale
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.recordings.bag_reader import BagWindow, RecordedTrajectory
 from pendubot_identification.recordings.datasets import span

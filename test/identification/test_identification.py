@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pendubot_identification.criteria.prediction_error import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.errors import ExcitationError, ParameterError, TrajectoryError
 from pendubot_identification.identification import linear
 from pendubot_identification.identification.assessment import assess
 from pendubot_identification.identification.pipeline import identify
-from pendubot_identification.identification.prediction import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds

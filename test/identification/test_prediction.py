@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from pendubot_identification.criteria.prediction_error import STEP
-from pendubot_identification.identification.prediction import HORIZONS, Prediction, folds, predict, state_scale
+from pendubot_identification.criteria.prediction_error import HORIZONS, STEP, Prediction, predict, state_scale
+from pendubot_identification.identification.validation import folds
 from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.trajectories.motion import Motion
