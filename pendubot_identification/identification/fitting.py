@@ -35,8 +35,7 @@ from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .effects import DetectedEffect, EffectSettings, Problem, find_effects, vuong
-from .estimate import Progress
-from .linear import Linear, linear
+from .estimate import Linear, Progress, linear
 from .settings import Settings
 
 GEARED = MODELS['geared']

@@ -17,9 +17,8 @@ from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.trajectories.motion import Motion
 
 from .effects import compensated
-from .estimate import Effort, Estimate, Progress
+from .estimate import Effort, Estimate, Progress, estimate_linear, linear
 from .fitting import Composite, TrainingData
-from .linear import estimate_linear, linear
 from .residuals import recorded_zeros
 from .uncertainty import correlations, influence_covariance, scaled_condition_number
 

@@ -23,8 +23,8 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import HORIZONS, LOST, STEP, Simulations, predict, state_scale
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.identification.effects import DetectedEffect, catalogue, compensated
+from pendubot_identification.identification.estimate import linear
 from pendubot_identification.identification.fitting import with_fitted_noise
-from pendubot_identification.identification.linear import linear
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.results.assemble import predicted
