@@ -25,9 +25,8 @@ from .effects import DetectedEffect, compensated
 from .estimate import Estimate, Progress
 from .fitting import Composite, TrainingData, fit_composite
 from .options import CRITERIA
-from .residuals import remaining_faults, remarks
 from .settings import Settings
-from .validation import Fold, folds, validated
+from .validation import Fold, folds, remaining_faults, remarks, validated
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from pendubot_identification.criteria.prediction_error import HORIZONS, Prediction, predict, state_scale
 from pendubot_identification.errors import ExcitationError, ParameterError, TrajectoryError
-from pendubot_identification.identification import estimate
 from pendubot_identification.identification.assessment import assess
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
@@ -234,7 +233,7 @@ def test_a_stiff_rig_is_identified_from_few_samples(seed, strength):
 
 def test_the_estimate_recovers_from_a_wrong_initial_delay(monkeypatch):
     """Smoothing at a low sampling rate resembles a delay; with that delay the filter of a stiff rig diverges."""
-    monkeypatch.setattr(estimate, 'estimate_delay', lambda *_, **__: 0.06)
+    monkeypatch.setattr('pendubot_identification.identification.estimate.estimate_delay', lambda *_, **__: 0.06)
     best = identify([recording(330, 0.03, rig=STIFF, seed=2, strength=4.0)], [], Settings(hold='zero')).best
     np.testing.assert_allclose(best.theta[:5], STIFF.vector()[:5], rtol=0.03)
 

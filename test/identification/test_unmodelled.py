@@ -12,8 +12,8 @@ import pytest
 
 from pendubot_identification.identification.fitting import TrainingData, fit_composite
 from pendubot_identification.identification.pipeline import identify
-from pendubot_identification.identification.residuals import contradictions, disturbances, recorded_zeros
 from pendubot_identification.identification.settings import Settings
+from pendubot_identification.identification.validation import contradictions, disturbances, recorded_zeros
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters, default_bounds
 from pendubot_identification.trajectories.motion import Motion
