@@ -16,7 +16,7 @@ from pendubot_identification.formats.export import export
 from pendubot_identification.formats.robots import drawn
 from pendubot_identification.launching import Program, described
 from pendubot_identification.resources import resource
-from pendubot_identification.results.result_file import read_result
+from pendubot_identification.results.result import read_result
 
 ARGUMENTS = {
     'l1': (0.2, 'drawn length of link 1, from shoulder to elbow [m]'),

@@ -49,8 +49,7 @@ from .results.checks import Finding, check_recordings
 from .results.options import RENAMED, as_arguments
 from .results.provenance import IN_MEMORY
 from .results.provenance import recordings as read_recordings
-from .results.result import Parameter, PartialResult, Result
-from .results.result_file import read_complete_result, read_result, result_text
+from .results.result import Parameter, PartialResult, Result, read_complete_result, read_result, result_text
 from .setting import Setting
 from .trajectories.conventions import CONVERSION
 from .trajectories.conversion import Conversion

@@ -11,9 +11,8 @@ from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import CRITERIA, Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.results.assemble import assemble_result
-from pendubot_identification.results.result import Result
+from pendubot_identification.results.result import Result, structured
 from pendubot_identification.results.result import plain as plain_of
-from pendubot_identification.results.result_file import structured
 from pendubot_identification.trajectories.trajectory import Source
 from test.conftest import ROOT
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pendubot_identification.model.parameters import BALANCE, PAPER
-from pendubot_identification.results.result_file import read_result
+from pendubot_identification.results.result import read_result
 from test.conftest import ROOT
 
 

@@ -20,7 +20,7 @@ from pendubot_identification import launching
 from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.formats.export import export
 from pendubot_identification.model.parameters import BALANCE
-from pendubot_identification.results.result_file import read_result
+from pendubot_identification.results.result import read_result
 from test.conftest import ROOT
 from test.nodes.conftest import written
 

@@ -20,7 +20,7 @@ from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.recordings.survey import as_text, survey_table
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.recordings.tables import FORMATS, is_table
-from pendubot_identification.results.result_file import read_result
+from pendubot_identification.results.result import read_result
 
 from .options import conversion_of
 from .terminal import progress_bar

@@ -30,7 +30,7 @@ from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.report import tables
-from pendubot_identification.results.result_file import read_complete_result, read_result
+from pendubot_identification.results.result import read_complete_result, read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 #: Environment variables that extend discovery beyond this computer, or join another domain.

@@ -15,7 +15,7 @@ from pendubot_identification.excitation.exciter_file import read_exciter, write_
 from pendubot_identification.files import refuse_input, refuse_unwritable
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.report.tables import excitation_table, motion_lines
-from pendubot_identification.results.result_file import read_estimate
+from pendubot_identification.results.result import read_estimate
 
 from .terminal import progress_bar
 

@@ -31,8 +31,7 @@ from pendubot_identification.report.tables import summary
 from pendubot_identification.results.checks import check_recordings
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
-from pendubot_identification.results.result import Result, plain
-from pendubot_identification.results.result_file import read_result, result_text
+from pendubot_identification.results.result import Result, plain, read_result, result_text
 from pendubot_identification.results.track_file import track_recordings
 from pendubot_identification.tracking.events import Start
 from pendubot_identification.trajectories.conventions import CONVERSION

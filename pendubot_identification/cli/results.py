@@ -17,7 +17,7 @@ from pendubot_identification.recordings.datasets import windows_of
 from pendubot_identification.report.tables import comparison
 from pendubot_identification.results.comparison import compare
 from pendubot_identification.results.provenance import recordings
-from pendubot_identification.results.result_file import read_complete_result, read_result
+from pendubot_identification.results.result import read_complete_result, read_result
 from pendubot_identification.setting import flag
 
 from .options import conversion_of

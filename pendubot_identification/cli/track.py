@@ -13,8 +13,7 @@ from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import UNITS
 from pendubot_identification.recordings.datasets import windows_of
 from pendubot_identification.report.table import Table, wrapped
-from pendubot_identification.results.result import plain
-from pendubot_identification.results.result_file import result_text
+from pendubot_identification.results.result import plain, result_text
 from pendubot_identification.results.track_file import BETWEEN, Track, start_of, track_recordings, tracked_result
 from pendubot_identification.tracking.events import Disturbance, State
 from pendubot_identification.tracking.tracker import Tracker

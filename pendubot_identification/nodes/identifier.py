@@ -27,8 +27,7 @@ from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.report.tables import headline, summary
 from pendubot_identification.results.computation import Computation
 from pendubot_identification.results.options import bounds_of, settings_of
-from pendubot_identification.results.result import Result, plain
-from pendubot_identification.results.result_file import result_text
+from pendubot_identification.results.result import Result, plain, result_text
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS, TOPIC
 

@@ -23,7 +23,7 @@ from pendubot_identification.model.simulation import HANGING, LatePlant
 from pendubot_identification.recordings.bag_reader import BagReader, BagWindow
 from pendubot_identification.recordings.bag_writer import offered_profiles
 from pendubot_identification.recordings.mcap_file import McapFile
-from pendubot_identification.results.result_file import read_result
+from pendubot_identification.results.result import read_result
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
 

@@ -103,7 +103,7 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     parameters = PRESETS[options.preset]
     if options.parameters is not None:
         # Imported here, because the board starts ten times faster without this import.
-        from pendubot_identification.results.result_file import read_result
+        from pendubot_identification.results.result import read_result
 
         parameters = read_result(options.parameters).theta
     chance = random.Random(options.seed)

@@ -22,8 +22,7 @@ from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.formats.code import javascript
-from pendubot_identification.results.result import Predicted, Result
-from pendubot_identification.results.result_file import result_text
+from pendubot_identification.results.result import Predicted, Result, result_text
 from pendubot_identification.tracking.events import Event, State
 
 from . import plots, rig, tables

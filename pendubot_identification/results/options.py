@@ -16,7 +16,7 @@ from pendubot_identification.setting import interval
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import Conversion
 
-from .result_file import read_result
+from .result import read_result
 
 #: Options with another name in Python.
 RENAMED = {'joints': 'joint_names', 'force': 'overwrite=True'}

@@ -25,8 +25,7 @@ from pendubot_identification.tracking.windows import InformativeWindows
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .result import EffortTiming, Parameter, Tracked, TrackedResult, known
-from .result_file import read_result
+from .result import EffortTiming, Parameter, Tracked, TrackedResult, known, read_result
 
 #: Largest number of states in a track; above it, every second state is dropped.
 KEPT = 4000

@@ -17,7 +17,7 @@ from pendubot_identification.model.simulation import simulate
 from pendubot_identification.recordings.bag_reader import BagReader, read_trajectory
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
-from pendubot_identification.results.result_file import SCHEMA
+from pendubot_identification.results.result import SCHEMA
 from test.cli.conftest import contents
 from test.processes import run_program
 from test.recordings import damage

@@ -24,8 +24,7 @@ from pendubot_identification import __version__
 from pendubot_identification.cli.terminal import LINES, brief
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, UNITS
-from pendubot_identification.results.result import Parameter
-from pendubot_identification.results.result_file import read_complete_result
+from pendubot_identification.results.result import Parameter, read_complete_result
 from test.cli.conftest import FAST
 from test.conftest import ROOT
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from pendubot_identification.recordings.joint_states import write_trajectory
-from pendubot_identification.results.result_file import read_result
+from pendubot_identification.results.result import read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record, truth
 from test.processes import run_program

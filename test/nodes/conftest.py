@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from pendubot_identification.cli.main import main
-from pendubot_identification.results.result_file import SCHEMA
+from pendubot_identification.results.result import SCHEMA
 
 #: Options of a fast identification.
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}

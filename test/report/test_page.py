@@ -25,9 +25,8 @@ from pendubot_identification.report.page import result_page, write_report
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.provenance import IN_MEMORY
-from pendubot_identification.results.result import PartialResult, Result
+from pendubot_identification.results.result import PartialResult, Result, read_complete_result, result_text, structured
 from pendubot_identification.results.result import plain as plain_of
-from pendubot_identification.results.result_file import read_complete_result, result_text, structured
 from test.identified import SOURCE, identified, made, plain
 from test.identified import result as typed
 from test.report.pictures import every_picture, motion, pictures, swing

@@ -19,14 +19,15 @@ from pendubot_identification.model.parameters import MODELS, NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.results.assemble import assemble_result
 from pendubot_identification.results.provenance import recordings, settings
-from pendubot_identification.results.result import Parameter, PartialResult
-from pendubot_identification.results.result import plain as plain_of
-from pendubot_identification.results.result_file import (
+from pendubot_identification.results.result import (
+    Parameter,
+    PartialResult,
     read_complete_result,
     read_estimate,
     read_result,
     result_text,
 )
+from pendubot_identification.results.result import plain as plain_of
 from test.conftest import ROOT
 from test.identified import SOURCE, identified, made, plain, write
 
@@ -151,7 +152,7 @@ def test_an_invalid_or_absent_entry_is_refused_in_one_sentence(tmp_path, path, e
 def test_reading_parameters_imports_no_large_package():
     """A virtual board with the parameters of a result starts at once."""
     code = (
-        'import sys, pendubot_identification.results.result_file\n'
+        'import sys, pendubot_identification.results.result\n'
         "assert not {'scipy', 'mcap', 'rosbags'} & set(sys.modules), sorted(sys.modules)"
     )
     subprocess.run([sys.executable, '-c', code], check=True, timeout=60)
