@@ -10,7 +10,7 @@ import yaml
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import CRITERIA, Settings
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.results.assemble import assemble_result
+from pendubot_identification.results.computation import assemble_result
 from pendubot_identification.results.result import Result, structured
 from pendubot_identification.results.result import plain as plain_of
 from pendubot_identification.trajectories.trajectory import Source

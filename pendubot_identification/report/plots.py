@@ -27,7 +27,7 @@ from pendubot_identification.identification.estimate import linear
 from pendubot_identification.identification.fitting import with_fitted_noise
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
-from pendubot_identification.results.assemble import predicted
+from pendubot_identification.results.computation import predicted
 from pendubot_identification.results.provenance import hold, settings
 from pendubot_identification.results.result import PartialResult, Predicted, Result, theta_of
 from pendubot_identification.tracking.events import Change, Event, State

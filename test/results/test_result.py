@@ -17,7 +17,7 @@ from pendubot_identification.identification.estimate import Zeros
 from pendubot_identification.identification.settings import CRITERIA, Settings
 from pendubot_identification.model.parameters import MODELS, NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
-from pendubot_identification.results.assemble import assemble_result
+from pendubot_identification.results.computation import assemble_result
 from pendubot_identification.results.provenance import recordings, settings
 from pendubot_identification.results.result import (
     Parameter,
