@@ -15,8 +15,7 @@ from benchmarks.markdown import table
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95, Level
-from pendubot_identification.tracking.events import Change, Disturbance, State
-from pendubot_identification.tracking.settings import TrackerSettings
+from pendubot_identification.tracking.events import Change, Disturbance, State, TrackerSettings
 from pendubot_identification.tracking.tracker import Tracker
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record, truth

@@ -28,9 +28,8 @@ from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 
 from .blocks import BLOCK, Block, SegmentSettings
 from .changes import DRIFT, RATE, SEVERAL, ChangeType, StepChange, most_likely_step
-from .events import Change, Disturbance, Event, Lost, State
+from .events import Change, Disturbance, Event, Lost, State, TrackerSettings
 from .filter import Estimate, Innovations, Noise
-from .settings import TrackerSettings
 
 
 class Prediction(NamedTuple):
