@@ -3,7 +3,7 @@
 
 """The balancer without ROS: computes the torque that swings the rig up and balances it, from parameters and samples.
 
-``readiness`` collects the inputs, ``plan`` computes and simulates a design, and ``balancing`` decides when to start and
-stop. ``controller`` computes each torque by ``linear_control`` and ``swing_up`` from the state of ``estimator``;
-``sign_check`` detects wrong wiring. Only nodes and the command line import this package.
+``balancing`` collects the inputs and decides when to start and stop; ``plan`` computes and simulates a design.
+``controller`` computes each torque by ``linear_control`` from the state of ``estimator``; ``sign_check`` detects wrong
+wiring. Only nodes and the command line import this package.
 """
