@@ -9,11 +9,10 @@ from dataclasses import replace
 
 import pytest
 
-from pendubot_identification.control.balancing import Balancing, Phase
+from pendubot_identification.control.balancing import Balancing, Phase, Readiness
 from pendubot_identification.control.controller import UPRIGHT, SafetyLimits
 from pendubot_identification.control.linear_control import Loop
 from pendubot_identification.control.plan import Plan
-from pendubot_identification.control.readiness import Readiness
 from pendubot_identification.errors import ControlError
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, NAMES
