@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from pendubot_identification.report.style import GREY
+from pendubot_identification.report.plots import GREY
 
 from .trials import ALGORITHMS, TARGET, Outcome
 

@@ -20,7 +20,7 @@ from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import MODELS, default_bounds
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
-from pendubot_identification.report.style import rendered, style
+from pendubot_identification.report.plots import rendered, style
 from pendubot_identification.resources import resource
 
 from . import paper_figures, paper_tables, trials
