@@ -12,7 +12,7 @@ from pendubot_identification.files import OutputFolder, refuse_input, refuse_unw
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import UNITS
 from pendubot_identification.recordings.datasets import windows_of
-from pendubot_identification.report.table import Table, wrapped
+from pendubot_identification.report.tables import Table, wrapped
 from pendubot_identification.results.result import plain, result_text
 from pendubot_identification.results.track_file import BETWEEN, Track, start_of, track_recordings, tracked_result
 from pendubot_identification.tracking.events import Disturbance, State

@@ -27,7 +27,7 @@ from pendubot_identification.tracking.events import Event, State
 
 from . import plots, rig, tables
 from .plots import Picture, Prepared, Recordings
-from .table import Table, typeset
+from .tables import Table, typeset
 from .time_plot import TimePlot
 
 

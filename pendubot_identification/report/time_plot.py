@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pendubot_identification.arrays import Array
 
-from .table import typeset
+from .tables import typeset
 
 #: Largest number of times in a panel, which shows the lowest and the highest value of each line per interval.
 MOST_POINTS = 2400

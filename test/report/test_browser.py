@@ -21,7 +21,7 @@ from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.report.page import result_page, write_report, write_track
 from pendubot_identification.report.plots import plot_track
-from pendubot_identification.report.table import Table
+from pendubot_identification.report.tables import Table
 from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.tracking.events import Change, Disturbance, State
 from test.browser import BRIGHTNESS, NEEDS_BROWSER, launched, serious, watched

@@ -10,11 +10,12 @@ from dataclasses import asdict
 import pytest
 
 from pendubot_identification.model.parameters import NAMES, PAPER
-from pendubot_identification.report.table import Table, number
 from pendubot_identification.report.tables import (
+    Table,
     comparison_table,
     effects_table,
     estimate,
+    number,
     parameter_table,
     relative_half_width,
     summary,
