@@ -15,7 +15,7 @@ from pendubot_identification.identification.estimate import Estimate
 from pendubot_identification.model.parameters import NAMES, PAPER, UNITS
 from pendubot_identification.optimizers.mde import MDESettings
 
-from .benchmark_functions import FUNCTIONS
+from .competitors import FUNCTIONS
 from .trials import ALGORITHMS, BUDGET, IDENTIFICATION, PER_VECTOR, TARGET, Outcome, rank_sum, ranks
 
 Cell = str | int | float | None

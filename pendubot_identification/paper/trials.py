@@ -16,8 +16,7 @@ from pendubot_identification.model.parameters import Bounds
 from pendubot_identification.optimizers.mde import MDESettings, mde
 from pendubot_identification.optimizers.optimizer import MOST_VECTORS, Objective, OptimizationResult
 
-from .benchmark_functions import FUNCTIONS, BenchmarkFunction
-from .competitors import CLASSIC, PARTICLES, hde, pso
+from .competitors import CLASSIC, FUNCTIONS, PARTICLES, BenchmarkFunction, hde, pso
 
 #: Table 3: a run stops at this error, or after 4000 generations. For PSO these are 4000 function evaluations, as in
 #: SwarmOps; otherwise it does not match its column of Table 4.

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 from pendubot_identification.paper import paper_tables
-from pendubot_identification.paper.benchmark_functions import FUNCTIONS
+from pendubot_identification.paper.competitors import FUNCTIONS
 from pendubot_identification.paper.paper_tables import AVERAGE, TABLE_4, Table
 from pendubot_identification.paper.trials import (
     ALGORITHMS,
