@@ -5,10 +5,11 @@
 
 import argparse
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from pendubot_identification import __version__
@@ -20,11 +21,12 @@ from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import MODELS, default_bounds
 from pendubot_identification.recordings.datasets import Datasets, load_datasets
-from pendubot_identification.report.plots import rendered, style
+from pendubot_identification.report.plots import GREY, rendered, style
 from pendubot_identification.resources import resource
 
-from . import paper_figures, paper_tables, trials
+from . import paper_tables, trials
 from .paper_tables import Table
+from .trials import ALGORITHMS, TARGET, Outcome
 
 #: The parts by their method of :class:`Reproduction`.
 EXPERIMENTS = {
@@ -35,6 +37,17 @@ EXPERIMENTS = {
 }
 PARTS = tuple(part for parts in EXPERIMENTS.values() for part in parts)
 SAMPLE = 'bags/paper_experiment'
+#: Colour, line style and marker of each algorithm, distinguishable also by colour-blind readers and in greyscale.
+STYLES = {
+    'MDE': ('#000000', '-', 'o'),
+    'HDE': ('#0060ad', '--', 's'),
+    'DE': ('#d55e00', '-.', '^'),
+    'PSO': ('#009e73', (0, (1, 1)), 'D'),
+}
+#: Smallest error in the figure; smaller errors are clipped to it.
+LEAST = 1e-8
+#: Height of the legend above all panels [inch].
+LEGEND = 0.32
 HEAD = """\
 # The paper, reproduced
 
@@ -96,7 +109,7 @@ class Reproduction:
             self._folder.write({'times.md': times.markdown(), 'times.csv': times.csv()})
         if 'figure1' in self._wanted:
             with style():
-                files = rendered(paper_figures.convergence(outcomes))
+                files = rendered(_convergence(outcomes))
             self._folder.write({f'figures/figure1.{ending}': content for ending, content in files.items()})
             caption = (
                 'Figure 1: median of the best error so far of all runs, shaded from 10th to 90th percentile; the '
@@ -165,3 +178,31 @@ def _progress(experiment: str) -> Any:
 
 def _sample() -> Datasets:
     return load_datasets([str(resource(SAMPLE))])
+
+
+def _convergence(outcomes: Sequence[Outcome]) -> Figure:
+    """Return the figure of the error over generations: median over the runs, shaded from 10th to 90th percentile.
+
+    A stopped run keeps its last error.
+    """
+    figure = Figure(figsize=(8.0, 6.2), layout='constrained')
+    axes = figure.subplots(2, 2, sharex=True)
+    panel = dict(zip(dict.fromkeys(o.function for o in outcomes), axes.flat, strict=True))
+    for o in outcomes:
+        ax, history, (color, line, marker) = panel[o.function], o.result.history, STYLES[o.algorithm]
+        k = np.unique(np.round(np.geomspace(1, len(history), 200)).astype(int))
+        low, median, high = np.maximum(np.percentile(history[k - 1], [10, 50, 90], axis=1), LEAST)
+        ax.fill_between(k, low, high, color=color, alpha=0.13, linewidth=0)
+        ax.plot(k, median, color=color, linestyle=line, label=o.algorithm)
+        ax.plot(k[-1:], median[-1:], color=color, marker=marker)
+    for function, ax in panel.items():
+        ax.axhline(TARGET, color=GREY, linewidth=0.8)
+        ax.set(title=function, xscale='log', yscale='log')
+    for ax in axes[1]:
+        ax.set_xlabel('generations, the initial vectors included')
+    for ax in axes[:, 0]:
+        ax.set_ylabel('error of the best vector')
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc='upper center', ncols=len(ALGORITHMS))
+    # matplotlib before 3.7 (Ubuntu 24.04) does not reserve space for the legend.
+    figure.set_layout_engine('constrained', rect=(0, 0, 1, 1 - LEGEND / figure.get_figheight()))
+    return figure
