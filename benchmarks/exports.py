@@ -16,8 +16,7 @@ from benchmarks.markdown import table
 from pendubot_identification import read
 from pendubot_identification.criteria import prediction_error
 from pendubot_identification.criteria.prediction_error import ASSESSED, HORIZONS, STRIDE, Simulations, state_scale
-from pendubot_identification.formats.masses import rig_of
-from pendubot_identification.formats.robots import mjcf, urdf
+from pendubot_identification.formats.robots import mjcf, rig_of, urdf
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.model.dynamics import GRAVITY
 from pendubot_identification.model.parameters import MODELS, Parameters

@@ -34,8 +34,7 @@ from pendubot_identification.criteria.prediction_error import (
     predict,
     state_scale,
 )
-from pendubot_identification.formats.masses import rig_of
-from pendubot_identification.formats.robots import mjcf
+from pendubot_identification.formats.robots import mjcf, rig_of
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing, evenly_stamped

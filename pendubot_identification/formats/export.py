@@ -12,8 +12,7 @@ from pendubot_identification.model.parameters import MODELS, NAMES, SPECIFICATIO
 from pendubot_identification.results.result import Parameter, PartialResult
 
 from .code import Entry, c, matlab, python
-from .masses import rig_of
-from .robots import TIME_STEP, limits, mjcf, urdf
+from .robots import TIME_STEP, limits, mjcf, rig_of, urdf
 
 ROBOTS = ('mjcf', 'urdf')
 LANGUAGES = {'m': matlab, 'h': c, 'py': python}
@@ -34,7 +33,7 @@ def export(
 ) -> tuple[str, list[str]]:
     """Return the text of a file, and sentences for its user, which the file contains as comments.
 
-    ``format`` is one of :data:`FORMATS`. For simulators, ``link_length`` [m] is of link 1, see :func:`.masses.rig_of`,
+    ``format`` is one of :data:`FORMATS`. For simulators, ``link_length`` [m] is of link 1, see :func:`.robots.rig_of`,
     and ``torque_limit`` [N m] of the motor; ``revolute`` is for :func:`.robots.urdf`.
 
     Raises:

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.formats.masses import rig_of
-from pendubot_identification.formats.robots import mjcf, urdf
+from pendubot_identification.formats.robots import mjcf, rig_of, urdf
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import BALANCE, MODELS, Parameters
 from pendubot_identification.model.rollout import roll

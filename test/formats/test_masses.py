@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from urdf_parser_py.urdf import URDF
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.formats.masses import rig_of
-from pendubot_identification.formats.robots import drawn
+from pendubot_identification.formats.robots import drawn, rig_of
 from pendubot_identification.model.parameters import BALANCE, Parameters
 from test.conftest import ROOT
 
