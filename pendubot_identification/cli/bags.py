@@ -11,8 +11,7 @@ from dataclasses import asdict
 import numpy as np
 
 from pendubot_identification.errors import UsageError, wrong_usage
-from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.excitation.exciter_file import read_exciter
+from pendubot_identification.excitation.excitation import PulseTrain, read_exciter
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings.bag_repair import repair

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 from pendubot_identification.errors import ParameterError, UsageError, wrong_usage
 from pendubot_identification.excitation.design import SETTINGS, Experiment, Limits, design, predict
-from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.excitation.exciter_file import read_exciter, write_exciter
+from pendubot_identification.excitation.excitation import PulseTrain, read_exciter, write_exciter
 from pendubot_identification.files import refuse_input, refuse_unwritable
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.report.tables import excitation_table, motion_lines

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import yaml
 
-from pendubot_identification.excitation.exciter_file import read_exciter
+from pendubot_identification.excitation.excitation import read_exciter
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import ROOT
 from test.identified import plain, write
