@@ -1,23 +1,26 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``pendubot``: parses the command line, runs the module of the subcommand, and explains failures in one line."""
+"""``pendubot``: parses the command line, runs the subcommand's module, and explains failures in one line."""
 
+import argparse
 import importlib
 import io
+import re
 import sys
 import traceback
 from collections.abc import Sequence
 
 from pendubot_identification import kernel
-from pendubot_identification.errors import UsageError, sentence
+from pendubot_identification.errors import PendubotError, UsageError, sentence
+from pendubot_identification.identification.options import CRITERION
 
 from .arguments import parser
 
 #: Modules of the subcommands whose module has another name; each has a function run_SUBCOMMAND.
 MODULES = dict.fromkeys(('import', 'simulate', 'repair'), '.bags')
 MODULES |= dict.fromkeys(('report', 'compare', 'export'), '.results')
-MODULES |= {'completion': '.extras', 'studio': '.extras', 'reproduce': 'pendubot_identification.paper.reproduction'}
+MODULES |= {'completion': '.main', 'studio': '.main', 'reproduce': 'pendubot_identification.paper.reproduction'}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,6 +52,35 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         print(f'pendubot: {sentence(error)}', file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
+
+
+def run_completion(args: argparse.Namespace) -> int:
+    """Print a shell script for the completion of subcommands, options and file names."""
+    try:
+        import shtab
+    except ImportError as error:
+        raise PendubotError('completion needs shtab, which is not installed: pip install shtab') from error
+    top = parser()
+    subparsers = next(a for a in top._actions if isinstance(a, argparse._SubParsersAction))
+    choices = {'criterion': CRITERION.choices, 'command': [*subparsers.choices]}
+    for action in (action for each in subparsers.choices.values() for action in each._actions):
+        if re.search('BAG|FILE|DIR|FOLDER|yaml', str(action.metavar)):
+            action.complete = shtab.FILE
+        action.choices = choices.get(action.dest, action.choices)
+    print(shtab.complete(top, args.shell))
+    return 0
+
+
+def run_studio(args: argparse.Namespace) -> int:
+    """Serve the studio to a browser until a signal."""
+    try:
+        from pendubot_identification.studio.server import serve
+    except ImportError as error:
+        raise PendubotError(
+            f'{error.name} cannot be imported, and the studio needs aiohttp: pip install aiohttp'
+        ) from error
+    serve(args.files, args.port, browser=not args.no_browser, debug=args.debug)
+    return 0
 
 
 if __name__ == '__main__':
