@@ -10,8 +10,8 @@ ros2 launch pendubot_identification rig.launch.py bridge:=bridge.yaml excitation
 import os
 
 from pendubot_identification.errors import ParameterError
+from pendubot_identification.files import refuse_untaken
 from pendubot_identification.launching import Program, described, launch_file
-from pendubot_identification.parameter_files import refuse_untaken
 from pendubot_identification.resources import resource
 
 VIEW = launch_file('view.launch.py')

@@ -1,19 +1,23 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads YAML, hashes files, and writes files completely or not at all; overwrites existing ones only on request."""
+"""Reads YAML and ROS parameter files, hashes files, and writes files completely or not at all.
+
+Existing files are overwritten only on request.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.errors import MissingFileError, PendubotError, ResultError
+from pendubot_identification.errors import MissingFileError, ParameterError, PendubotError, ResultError
 
 
 def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultError) -> Any:
@@ -184,3 +188,45 @@ def writing(path: Path | str) -> Iterator[None]:
         yield
     except OSError as error:
         raise ResultError(f'{path} cannot be written ({error.strerror}); choose another folder') from error
+
+
+def addressed(content: Any, above: str = '') -> Iterator[tuple[str, dict[str, Any]]]:
+    """Return the nodes in the content of a file, namespace and wildcards included, each with its parameters."""
+    if isinstance(content, dict):
+        for key, inner in content.items():
+            if key == 'ros__parameters':
+                yield above, inner if isinstance(inner, dict) else {}
+            else:
+                yield from addressed(inner, f'{above}/{str(key).lstrip("/")}')
+
+
+def parameter_names(paths: Iterable[str | Path], ending: str = '') -> set[str]:
+    """Return the names of the parameters in files, for nodes whose names end with ``ending``."""
+    nodes = (node for path in paths for node in addressed(_content(path)))
+    return {name for node, parameters in nodes if node.endswith(ending) for name in parameters}
+
+
+def refuse_untaken(path: str, node: str) -> None:
+    """Refuse a parameter file without parameters of a node, because ROS would ignore it and use the defaults.
+
+    Args:
+        path: the file.
+        node: the node's fully qualified name, such as ``/lab1/bridge``.
+
+    Raises:
+        ParameterError: the file has no parameter of the node.
+    """
+    names = [name for name, parameters in addressed(_content(path)) if parameters]
+    # rclpy uses the same regular expression: * is one part of a name, ** is any number of parts.
+    if not any(re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) for name in names):
+        content = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
+        raise ParameterError(
+            f'{path} has no effect: it contains {content}, and none of {node}; name {node} in it, or '
+            f'/**/{node.rpartition("/")[2]} for every namespace'
+        )
+
+
+def _content(path: str | Path) -> Any:
+    with suppress(PendubotError, ValueError):
+        return read_yaml(Path(path), '')
+    return None

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.parameter_files import refuse_untaken
+from pendubot_identification.files import refuse_untaken
 from test.conftest import ROOT
 
 pytestmark = pytest.mark.ros

@@ -13,8 +13,7 @@ import numpy as np
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, ResultError
-from pendubot_identification.files import read_yaml, write_atomically
-from pendubot_identification.parameter_files import addressed
+from pendubot_identification.files import addressed, read_yaml, write_atomically
 from pendubot_identification.resources import resource
 
 NODE = 'exciter'

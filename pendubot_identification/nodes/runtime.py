@@ -32,8 +32,8 @@ from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import ParameterError, PendubotError, sentence
+from pendubot_identification.files import parameter_names, refuse_untaken
 from pendubot_identification.level import Level
-from pendubot_identification.parameter_files import parameter_names, refuse_untaken
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting, meant
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
