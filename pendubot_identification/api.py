@@ -47,7 +47,7 @@ from .recordings.tables import Table
 from .results import comparison
 from .results.checks import Finding, check_recordings
 from .results.options import RENAMED, as_arguments
-from .results.provenance import IN_MEMORY
+from .results.provenance import IN_MEMORY, command
 from .results.provenance import recordings as read_recordings
 from .results.result import Parameter, PartialResult, Result, read_complete_result, read_result, result_text
 from .setting import Setting
@@ -591,8 +591,6 @@ class Identified:
     @property
     def command(self) -> str:
         """The command line that repeats the identification; empty if a recording was in memory."""
-        from .report.rig import command
-
         return command(self.result)
 
     def frame(self) -> DataFrame:

@@ -11,6 +11,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -22,19 +23,24 @@ from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.formats.code import javascript
+from pendubot_identification.model.parameters import NAMES
+from pendubot_identification.results.provenance import command
 from pendubot_identification.results.result import Predicted, Result, result_text
 from pendubot_identification.tracking.events import Event, State
 
-from . import plots, rig, tables
+from . import plots, tables
 from .plots import Picture, Prepared, Recordings
-from .tables import Table, typeset
+from .tables import Beside, Table, typeset
 from .time_plot import TimePlot
+
+#: Largest ratio of the drawn lengths of both links, so that both are visible.
+LARGEST_RATIO = 10.0
 
 
 def result_page(
     result: Result,
     pictures: Iterable[Picture],
-    beside: tables.Beside | None = None,
+    beside: Beside | None = None,
     notes: Sequence[str] = (),
     compared: Mapping[str, Predicted] | None = None,
     text: str = '',
@@ -46,7 +52,7 @@ def result_page(
     """
     if result.uncorrected:
         compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
-    model = rig.rig(result, beside)
+    model = _rig(result, beside)
     files = {
         'parameters.csv': tables.numbers(result),
         'parameters.tex': tables.parameter_table(result).latex(),
@@ -63,7 +69,7 @@ def result_page(
         downloads={name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
         rig=model,
         acceleration=Markup(javascript(len(model['names']))),
-        command=rig.command(result),
+        command=command(result),
     )
 
 
@@ -112,7 +118,7 @@ def write_report(
     result: Result,
     motions: Recordings | None,
     *,
-    beside: tables.Beside | None = None,
+    beside: Beside | None = None,
     notes: Sequence[str] = (),
     progress: Callable[[str, int, int, float], None] = lambda *_: None,
     bags: Path | None = None,
@@ -177,9 +183,45 @@ def _write(
     folder: OutputFolder, files: Mapping[str, str], static: Sequence[Picture], page: str, named: Sequence[str]
 ) -> Path:
     """Write the report, its page last, without the absolute folders of the names; a page implies a complete report."""
-    for part in rig.folders(*named):
+    for part in _folders(*named):
         for spelling in (part, str(escape(part)), quote(part)):
             page = page.replace(spelling, '')
     drawn = {f'{p.name}.{ending}': content for p in static for ending, content in p.files('svg', 'png').items()}
     folder.write({**files, **drawn, 'report.html': page})
     return (folder.path / 'report.html').absolute()
+
+
+def _proportions(result: Result) -> tuple[float, float, str]:
+    """Return the lengths with which both links are drawn, and a sentence on their origin."""
+    p, measured = result.theta, result.link_length.expected
+    l1, l2 = (measured or p.P3 / p.P5, 1.5 * p.P2 / p.P5) if p.P5 > 0 else (0.0, 0.0)
+    if not (l1 > 0 and l2 > 0 and max(l1, l2) <= LARGEST_RATIO * min(l1, l2)):
+        return 1.0, 1.0, 'Both links are drawn equally long, because the parameters give no length that can be drawn.'
+    origin = 'as measured' if measured else 'P3 / P5'
+    return (
+        l1,
+        l2,
+        f'Drawn to scale: link 1 is {100 * l1:.3g} cm long ({origin}), link 2 as a uniform rod {100 * l2:.3g} cm '
+        '(3/2 P2 / P5).',
+    )
+
+
+def _rig(result: Result, beside: Beside | None = None) -> dict[str, Any]:
+    """Return the data for ``page.js``: parameters, intervals and lengths, and the parameters of another result."""
+    vectors = {'identified': result.theta, **({beside[1]: beside[0].theta} if beside else {})}
+    size = max(len(p.vector(result.model)) for p in vectors.values())
+    ends = {name: entry.interval for name, entry in result.parameters.items()}
+    *lengths, scale = _proportions(result)
+    return {
+        'names': NAMES[:size],
+        'vectors': {name: astuple(p)[:size] for name, p in vectors.items()},
+        'intervals': {n: (low, high) for n, (low, high) in ends.items() if None not in (low, high) and low != high},
+        'lengths': lengths,
+        'scale': scale,
+    }
+
+
+def _folders(*texts: str) -> list[str]:
+    """Return the absolute folders in texts; each text ends with the name of a recording."""
+    found = {folder for text in texts for folder in re.findall(r'(?:^|(?<=\s))/\S(?:.*/)?', text)}
+    return sorted((folder for folder in found if folder.endswith('/')), key=len, reverse=True)

@@ -1,17 +1,21 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Restores the recordings and settings of a result from its file."""
+"""The origin of a result: its recordings, its settings, and the command that repeats the identification."""
 
+import math
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pendubot_identification.errors import BagError, MissingFileError
+from pendubot_identification.identification.options import DELAYS, SPREAD
 from pendubot_identification.identification.settings import Settings
-from pendubot_identification.model.parameters import NAMES, Bounds
+from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNDER_LOAD, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
+from pendubot_identification.setting import flag
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -75,3 +79,40 @@ def hold(result: Result) -> str:
     requested = result.made_by.hold
     holds = [answer.effort.hold for name, answer in result.criteria.items() if name != 'energy']
     return requested if requested != 'auto' else (holds or ['zero'])[0]
+
+
+def command(result: Result) -> str:
+    """Return the command that reproduces this result; empty if the recordings were in memory."""
+    if any(source.bag.endswith(IN_MEMORY) for source in result.bags):
+        return ''
+    made = result.made_by
+    training = dict.fromkeys(each.bag for each in result.bags if each.role == 'training')
+    validation = [each.bag for each in result.bags if each.bag not in training]
+    words = ['pendubot identify', *map(shlex.quote, training)]
+    words += ['--validate', *map(shlex.quote, validation)] if validation else []
+    defaults, spreads = Settings(), [answer.mde.spread for answer in result.criteria.values() if answer.mde]
+    options = {name: (getattr(made, name), getattr(defaults, name)) for name in ('model', 'optimizer', 'hold', 'seed')}
+    options |= {
+        'criterion': (','.join(made.criteria), ','.join(defaults.criteria)),
+        'delay': ('{:g}:{:g}'.format(*made.delays), '{:g}:{:g}'.format(*DELAYS)),
+        'sliding': (made.sliding_window, None),
+        **{name: (getattr(made, name), None) for name in ('link_length', 'link_mass')},
+        'spread': (next((f'{each:g}' for each in spreads if each is not None), None), f'{SPREAD:g}'),
+        'start': ('START.yaml' if made.start else None, None),
+    }
+    words += [f'{flag(n)}={shlex.quote(str(v))}' for n, (v, default) in options.items() if v not in (None, default)]
+    words += [f'--bounds {bound}' for bound in _given_bounds(result)]
+    words += Conversion.of(result.reading).options()
+    expert = [] if made.smoothing is None else [f'smoothing: {made.smoothing}']
+    return ' '.join([*words, *(f' # with --settings, a file with {line}' for line in expert)])
+
+
+def _given_bounds(result: Result) -> list[str]:
+    """Return the bounds that differ from the default search box, which grows by powers of ten with the rig."""
+    given = []
+    for each, low, high in zip(SPECIFICATIONS, result.made_by.lower_bounds, result.made_by.upper_bounds, strict=False):
+        grown = high > 0 and abs(math.log10(high / each.upper) - round(math.log10(high / each.upper))) < 1e-9
+        absent = each.name in UNDER_LOAD and high == 0
+        if low != each.lower or not (grown or absent):
+            given.append(f'{each.name}={low:g}' if low == high else f'{each.name}={low:g}:{high:g}')
+    return given

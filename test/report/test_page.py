@@ -20,9 +20,9 @@ from pendubot_identification.cli.main import main
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.recordings.datasets import Datasets
-from pendubot_identification.report import rig
 from pendubot_identification.report.page import result_page, write_report
 from pendubot_identification.report.tables import STATES
+from pendubot_identification.results import provenance
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import PartialResult, Result, read_complete_result, result_text, structured
@@ -177,7 +177,7 @@ def test_the_command_on_the_page_reproduces_the_result(options, tmp_path, monkey
     assert main(['simulate', '--output', 'swing', '--samples', '800']) == 0
     main(['identify', 'swing@0:4', *options.split(), '--output', 'first.yaml'])
     first = read_complete_result(tmp_path / 'first.yaml')
-    command = rig.command(first)
+    command = provenance.command(first)
     page = result_page(first, [])
     assert f'data-copy="{html.escape(command)}"' in page
     main([*shlex.split(command)[1:], '--output', 'again.yaml'])
