@@ -57,8 +57,8 @@ class PredictionSettings:
         tolerance: least decrease of J in an alternation before another one.
     """
 
-    horizons: tuple[float, ...] = (0.1, 0.25, 0.5)
-    stride: float = 0.05
+    horizons: tuple[float, ...] = HORIZONS[:ASSESSED]
+    stride: float = STRIDE
     weight: float = 0.2
     shrinkage: float = 20.0
     alternations: int = 5

@@ -211,28 +211,26 @@ class Linear(NamedTuple):
     delay: float
     weights: Array
 
-    @classmethod
-    def of(cls, residuals: list[Regression], delay: float, weights: Array) -> Linear:
-        """Pool the residuals of recordings."""
-        return cls(residuals, Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in residuals]), delay, weights)
-
 
 def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
     """Return the criterion ``name`` of recordings, with estimated delay and weights, or with those in ``like``."""
     if name == 'energy':
+        delay, weights = 0.0, np.empty(0)
         smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
         residuals = [energy_regression(m.recorded, settings.sliding, smoothing, model) for m in motions]
-        return Linear.of(residuals, 0.0, np.empty(0))
-    if like is not None:
-        delay, weights = like.delay, like.weights
     else:
-        bounds, (low, high) = settings.box(model), settings.delays
-        delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
-        weights = residual_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
-        if low < high:
-            delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
-    residuals = [weak_regression(m, model, delay, weights=weights) for m in motions]
-    return Linear.of(residuals, delay, weights)
+        delay, weights = _delay_and_weights(motions, model, settings) if like is None else (like.delay, like.weights)
+        residuals = [weak_regression(m, model, delay, weights=weights) for m in motions]
+    return Linear(residuals, Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in residuals]), delay, weights)
+
+
+def _delay_and_weights(motions: Sequence[Motion], model: str, settings: Settings) -> tuple[float, Array]:
+    bounds, (low, high) = settings.box(model), settings.delays
+    delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
+    weights = residual_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
+    if low < high:
+        delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
+    return delay, weights
 
 
 def estimate_linear(

@@ -200,7 +200,7 @@ def _fit(run: Run, report: Progress) -> Run:
         corrected = corrected_conversion(run.faults)
         words = {} if corrected is None else corrected.words()
         raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
-    faults = remaining_faults(run.faults, composite, run.data.settings)
+    faults = remaining_faults(run.faults, composite)
     return replace(run, data=composite.data, composite=composite, faults=faults)
 
 

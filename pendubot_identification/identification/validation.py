@@ -25,7 +25,6 @@ from .effects import Problem, compensated
 from .estimate import Effort, Estimate, Progress, Zeros, estimate_linear, linear
 from .fitting import SETTINGS as FITTING
 from .fitting import Composite, TrainingData, torque_noise, unexplained, with_fitted_noise
-from .settings import Settings
 from .uncertainty import correlations, influence_covariance, scaled_condition_number
 
 
@@ -168,7 +167,7 @@ def _estimate(answer: Composite) -> Estimate:
     )
 
 
-def remaining_faults(faults: tuple[Fault, ...], answer: Composite, settings: Settings) -> tuple[Fault, ...]:
+def remaining_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ...]:
     """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option."""
     accepted = any(effect.accepted for effect in answer.effects)
     if answer.exact and not accepted:
@@ -176,7 +175,7 @@ def remaining_faults(faults: tuple[Fault, ...], answer: Composite, settings: Set
     if not faults or not accepted:
         return faults
     motions = [compensated(motion, answer.effects, answer.delay) for motion in answer.data.excerpt().motions]
-    named = {fault.name for fault in detect_faults(motions, settings)}
+    named = {fault.name for fault in detect_faults(motions, answer.data.settings)}
     mild = [fault if fault.name in named else replace(fault, level=Level.WARN) for fault in faults]
     return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
