@@ -27,9 +27,8 @@ from pendubot_identification.level import POOR, Level
 from pendubot_identification.model.parameters import NAMES, Bounds, Parameters
 
 from .blocks import BLOCK, Block, SegmentSettings
-from .changes import DRIFT, RATE, SEVERAL, ChangeType, StepChange, most_likely_step
 from .events import Change, Disturbance, Event, Lost, State, TrackerSettings
-from .filter import Estimate, Innovations, Noise
+from .filter import DRIFT, RATE, SEVERAL, ChangeType, Estimate, Innovations, Noise, StepChange, most_likely_step
 
 
 class Prediction(NamedTuple):

@@ -30,9 +30,8 @@ from pendubot_identification.trajectories.signals import (
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .blocks import BLOCK, STILL, Block, Samples, SegmentSettings
-from .changes import DEAD_ZONE, DELAY, RATE, TILT, ChangeType, StepChange
 from .events import NOT_AS_BEFORE, Change, Event, Lost, Start, State, TrackerSettings
-from .filter import Estimate, Innovations, Noise
+from .filter import DEAD_ZONE, DELAY, RATE, TILT, ChangeType, Estimate, Innovations, Noise, StepChange
 from .following import Following, step
 
 #: Largest number of samples that are appended at once.
