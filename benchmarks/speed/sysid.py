@@ -129,7 +129,7 @@ def ten_of(params, covariance, m1, m2):
 
 
 def simulated(model, motions, scale):
-    """Return the errors of a MuJoCo model's predictions, defined as in identification.prediction."""
+    """Return the errors of a MuJoCo model's predictions, defined as in criteria.prediction_error."""
     parts = (Simulations.of(motions, PAPER.vector(), 0.0, np.zeros(2), (h,), STRIDE) for h in HORIZONS[:ASSESSED])
     return [errors_in_mujoco(model, part, scale)[0] for part in parts]
 
