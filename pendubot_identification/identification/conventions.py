@@ -40,7 +40,7 @@ from pendubot_identification.trajectories.motion import Motion
 from .settings import Settings
 from .uncertainty import regression_covariance
 
-Matrix = tuple[tuple[int, int], tuple[int, int]]
+Matrix = tuple[tuple[float, float], tuple[float, float]]
 #: The model with dry friction and a rotor; a larger model would fit faults.
 MODEL = 'rotor'
 #: The effort may be in any unit.
@@ -90,8 +90,8 @@ class Fault:
     """A convention that recordings break.
 
     Attributes:
-        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``unit``, ``zero``, ``offset``, ``delay``, ``length``, or
-            ``motion`` if the motion fits no pendubot after any correction.
+        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``counts``, ``unit``, ``zero``, ``offset``, ``delay``,
+            ``length``, or ``motion`` if the motion fits no pendubot after any correction.
         found: the finding, in words.
         remedy: the expected convention, and the correction, in words.
         level: ERROR where parameters from such recordings are useless, else WARN.
@@ -138,6 +138,7 @@ _EXPECTED = {
     'order': 'shoulder first, elbow second',
     'absolute': 'it must be relative to link 1',
     'degrees': 'positions must be in radians',
+    'counts': 'a turn must be 2 pi',
 }
 _NEGATED, _DISORDERED, _HORIZONTAL = 'has the wrong sign', 'are in the wrong order', 'as measured from the horizontal'
 _ELBOW = "negate the elbow's position and effort (or the shoulder's)"
@@ -162,6 +163,12 @@ _TURNS: tuple[tuple[str, str, str, Affine], ...] = (
     (*_ABSOLUTE, Affine.of(_RELATIVE)),
     ('degrees', 'the positions are in degrees', 'convert them', Affine.of(_IN_RADIANS)),
     ('degrees', 'the positions are in degrees from hanging', 'convert them', Affine.of(_IN_RADIANS, HANGING)),
+    *(
+        ('counts', f'{whose} position is {n:g} times the rotation', f'multiply the counts per turn by {n:g}', change)
+        for n in (2, 4, 1 / 2, 1 / 4)
+        for whose, k, m in (("the shoulder's", 1, 0), ("the elbow's", 0, 1), ("each joint's", 1, 1))
+        for change in [_from_hanging(((n**-k, 0), (0, n**-m)))]
+    ),
 )
 #: The expected zeros.
 _ZEROS = (
@@ -290,6 +297,11 @@ class _Recordings:
     def unexplained(self) -> float:
         return _unexplained(self.criterion)
 
+    def squared(self) -> Array:
+        """Return the squared residual of each recording with the common parameters."""
+        theta = self.criterion.minimum_in_box(BOUNDS)
+        return np.array([((part.phi @ theta - part.y) ** 2).sum() for part in self.regressions])
+
     @property
     def freedom(self) -> float:
         """Degrees of freedom: test functions half a support apart are independent, each with two equations."""
@@ -317,6 +329,9 @@ def _best_correction(recordings: _Recordings) -> Fault | None:
     before = left if best.name == 'zero' else expected
     if before < limit * best.corrected + 1e-12 or best.corrected > SETTINGS.unfit:
         return None
+    gains = recordings.squared() - recordings.after(best.change, best.delay).squared()
+    if len(gains) > 1 and gains.sum() <= gains.max():  # the fault of one recording alone
+        return None
     # Of corrections with the same residual the first is reported: without elbow effort some are equal.
     tied = {each.corrected: each.found for each in reversed(ranked) if each.corrected <= limit * best.corrected}
     names = dict.fromkeys(tied[corrected] for corrected in sorted(tied))
@@ -332,6 +347,10 @@ def _turns(recordings: _Recordings) -> Iterator[Fault]:
         try:
             corrected = recordings.after(change).unexplained
         except TrajectoryError:  # the motion would be faster than a rig can be
+            continue
+        # An angle divided by n has a quantization noise divided by n^2, and fits better for that alone.
+        squared = 4 ** np.abs(np.log2(np.diag(change.Q))).max() if name == 'counts' else 0.0
+        if squared * recordings.limit * corrected > recordings.unexplained:
             continue
         yield Fault(name, found, f'{_EXPECTED[name]}: {remedy}', Level.ERROR, corrected=corrected, change=change)
 

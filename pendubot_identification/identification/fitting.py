@@ -159,7 +159,7 @@ class Composite:
         filter_data: of the last filter.
         unexplained: the fraction of the innovations' variance that quantization does not explain, shape (2,).
         J: the likelihood per measurement.
-        converged: whether all fits converged.
+        converged: whether the final fit converged.
         steps: of the optimisation, in words.
         offsets: of the positions [rad], shape (2,).
         rough: the fit of the shortest interval.
@@ -269,7 +269,8 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
         best = fits.completed(data, progress)
     except FloatingPointError:  # a filter diverges outside the excerpt
         best = Fits.of(data, _first_fit(data, progress), progress)
-    steps = [f'innovations at 0.05 s: {begin.fit.iterations} scoring steps, J = {best.rough.fit.cost:.6g}']
+    interval = best.rough.likelihood.filter_data.settings.intervals[0]
+    steps = [f'innovations at {interval:g} s: {begin.fit.iterations} scoring steps, J = {best.rough.fit.cost:.6g}']
     if effects:
         progress('searching for unmodelled effects', 0, 0, math.nan)
         best, found = _with_effects(best, fits, progress)
@@ -306,7 +307,8 @@ def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, lis
             except FloatingPointError:
                 break
             accepted = accepted and complete.surely_better(best, each)
-        if accepted or each.z > EffectSettings().possible:
+        # On an exact rig all samples have decided.
+        if accepted or (best.exact is None and each.z > EffectSettings().possible):
             found.append(replace(each, accepted=accepted))
         if not accepted:
             break
@@ -404,12 +406,17 @@ def _limits(data: TrainingData, filter_data: FilterData) -> tuple[Array, Array]:
 def _first_fit(data: TrainingData, progress: Progress) -> Problem:
     """Fit the shortest interval alone, from each of the rough parameters, and return the most likely fit.
 
-    Dry friction is stiff: if the result needs shorter steps than the filter had, the fit is repeated.
+    Dry friction is stiff: if the result needs shorter steps than the filter had, the fit is repeated. Fast motions are
+    predictable over shorter intervals only: they are halved until a filter follows.
     """
-    starts = list(_rough(data))
+    starts, interval = list(_rough(data)), LikelihoodSettings().intervals[0]
     fine = max(_stable_step(data, theta) for theta, _ in starts)
     while True:
-        tried = [found for theta, delay in starts if (found := _fit_from(data, theta, delay, fine, progress))]
+        settings = _shortest(fine, interval)
+        tried = [found for theta, delay in starts if (found := _fit_from(data, theta, delay, settings, progress))]
+        if not tried and interval > max(m.interval for m in data.motions):
+            interval /= 2
+            continue
         if not tried:
             raise TrajectoryError(
                 f'{data.motions[0].name}: no filter follows this motion from the rough parameters; check signs, units '
@@ -427,14 +434,16 @@ def _stable_step(data: TrainingData, theta: Array) -> float:
     return step / substeps(Parameters.from_vector(theta), _effort(data), step)
 
 
-def _shortest(fine: float) -> LikelihoodSettings:
+def _shortest(fine: float, interval: float = LikelihoodSettings().intervals[0]) -> LikelihoodSettings:
     """Return the settings of the shortest interval, with steps of at most ``fine`` [s] near standstill."""
-    return LikelihoodSettings(intervals=LikelihoodSettings().intervals[:1], fine=fine, slow=SETTINGS.slow)
+    return LikelihoodSettings(intervals=(interval,), fine=fine, slow=SETTINGS.slow)
 
 
-def _fit_from(data: TrainingData, theta: Array, delay: float, fine: float, progress: Progress) -> Problem | None:
+def _fit_from(
+    data: TrainingData, theta: Array, delay: float, settings: LikelihoodSettings, progress: Progress
+) -> Problem | None:
     """Fit the shortest interval from rough parameters; None if the filter diverges with any noise."""
-    filter_data = FilterData.of(data.motions, _shortest(fine))
+    filter_data = FilterData.of(data.motions, settings)
     lower, upper = _limits(data, filter_data)
     like, noise = Likelihood(filter_data, scale=_scale(data, theta)), _first_noise(data, filter_data)
     for noisy, small in ((1.0, 1.0), (SETTINGS.louder, 1.0), (SETTINGS.louder, SETTINGS.smaller)):
@@ -623,7 +632,7 @@ def _composite(fits: Fits, found: Sequence[DetectedEffect]) -> Composite:
         filter_data=like.filter_data,
         unexplained=unexplained(rough.likelihood, rough.fit.x),
         J=solved.cost / max(like.filter_data.measurements, 1),
-        converged=solved.converged and rough.fit.converged,
+        converged=solved.converged,
         steps=(),
         offsets=solved.x[15:17],
         rough=rough,

@@ -20,7 +20,7 @@ class CheckSettings:
     missing: float = 0.02  #: Fraction of missing samples, during which the torque is unknown.
     saturated: float = 0.2  #: Fraction of the non-zero effort samples at the greatest value.
     lasting: int = 3  #: Angles are clipped if the extreme position lasts for this number of samples ...
-    repeated: int = 3  #: ... at least this number of times ...
+    repeated: int = 3  #: ... at least this number of times (a limited effort is as often at its limit) ...
     abrupt: float = 4.0  #: ... after a jump of more than this number of encoder steps.
 
 
@@ -62,8 +62,11 @@ def _saturated(motion: Trajectory) -> list[str]:
     for joint, tau in zip(JOINT_NAMES, motion.tau.T, strict=True):
         size = np.abs(tau)
         greatest, acting = float(size.max()), size > 1e-9
-        fraction = float((size[acting] > greatest * (1 - 1e-6)).mean()) if acting.any() else 0.0
-        if fraction > SETTINGS.saturated and acting.sum() > 10 and np.unique(tau[acting]).size > 2:
+        at_limit = acting & (size > greatest * (1 - 1e-6))
+        fraction = at_limit.sum() / max(acting.sum(), 1)
+        times = int((np.diff(at_limit.astype(int), prepend=0) > 0).sum())
+        levels = np.unique(tau[acting]).size
+        if fraction > SETTINGS.saturated and times >= SETTINGS.repeated and acting.sum() > 10 and levels > 2:
             warnings.append(
                 f'{motion.name}: the effort of the {joint} is at its maximum of {greatest:.4g} N m in '
                 f'{100 * fraction:.0f} % of the samples with effort; if the motor or the recording limits it, '

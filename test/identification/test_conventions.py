@@ -141,12 +141,34 @@ def test_a_constant_offset_of_the_effort_is_diagnosed(smoothing, hold):
 
 
 def test_a_motion_that_hardly_fits_a_pendubot_is_a_warning():
-    """Each edge of the elbow's encoder was counted twice; no option corrects that."""
+    """The elbow's encoder has half as many counts again as given."""
     (r,) = record([13], [Rig()], seconds=6.0)
-    motion = Trajectory(r.t, r.q * [1, 2], np.column_stack([r.tau, 0 * r.tau]))
+    motion = Trajectory(r.t, r.q * [1, 1.5], np.column_stack([r.tau, 0 * r.tau]))
     (found,) = diagnosed(motion)
     assert (found.name, found.level) == ('motion', Level.WARN)
     assert re.match('the motion hardly fits any pendubot: .* counts per turn', found.sentence)
+
+
+@pytest.mark.parametrize(
+    ('factors', 'found'),
+    [
+        ((1, 2), "the elbow's position is 2 times the rotation"),
+        ((1, 0.25), "the elbow's position is 0.25 times the rotation"),
+        ((4, 1), "the shoulder's position is 4 times the rotation"),
+        ((0.5, 0.5), "each joint's position is 0.5 times the rotation"),
+    ],
+)
+def test_wrong_counts_per_turn_are_diagnosed(factors, found):
+    (fault,) = diagnosed(about_hanging(np.diag(factors))(recording()))
+    assert (fault.found, fault.level) == (found, Level.ERROR)
+    assert fault.remedy.endswith(f'multiply the counts per turn by {max(factors, key=lambda n: abs(np.log(n))):g}')
+
+
+def test_the_zero_of_one_recording_is_no_common_fault():
+    wrong, right = shifted(q1=5)(recording(seed=1, name='wrong')), recording(seed=2, name='right')
+    assert 'zero' not in {fault.name for fault in diagnosed(wrong, right)}
+    (found,) = (warning for warning in identify([wrong, right]).warnings if 'zero is off' in warning)
+    assert found.startswith("wrong: q1's zero is off by")
 
 
 def test_the_model_fits_motions_of_coarse_encoders():

@@ -45,6 +45,18 @@ def test_a_rig_that_turns_half_a_radian_between_samples_is_identified_exactly():
     np.testing.assert_allclose(found.best.theta[:5], astuple(PAPER)[:5], rtol=1e-5)
 
 
+def test_a_disturbed_fast_motion_is_fitted_at_shorter_intervals():
+    """The elbow turns at more than 100 rad/s; during half a second the recorded torque does not act."""
+    motions = [
+        Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]))
+        for r in rig.record([4, 54], [Rig(length=0.35, mass=0.15, strength=3.0)] * 2, seconds=8.0)
+    ]
+    motions[0].tau[700:800] = 0.0
+    found = identify(motions)
+    assert found.level is Level.WARN
+    assert any(warning.startswith('a disturbance: ') and ' at 3.5 s' in warning for warning in found.warnings)
+
+
 def test_one_noisy_recording_makes_the_fit_inexact():
     answer, steps = fitted(recording(400, seed=2), noisy())
     assert not answer.exact

@@ -34,6 +34,13 @@ def test_clipped_efforts_and_angles_are_reported():
     assert 'the elbow stops abruptly at its least position of -0.4 rad' in least
 
 
+def test_one_long_pulse_is_no_limit_of_the_effort():
+    motion = recording()
+    tau = np.zeros_like(motion.tau)
+    tau[100:300, 0], tau[300:400, 0], tau[500:600, 0] = 0.4, -0.3, 0.2
+    assert data_checks([replace(motion, tau=tau)]) == []
+
+
 def jittering(rate, size, *, true):
     """Return a recording with uniform timestamp jitter +- size [s]; if ``true``, the sampling jitters as the stamps."""
     motion = recording(int(6 * rate), 1 / rate, seed=3)
