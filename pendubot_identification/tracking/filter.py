@@ -36,10 +36,19 @@ UNEXPLAINED = 0.05
 
 
 class Estimate(NamedTuple):
-    """The unknowns, shape (D,), and their covariance, shape (D, D)."""
+    """The unknowns, shape (D,), and a square root of their covariance, shape (D, D).
+
+    Differences of covariances lose their sign to rounding errors; square roots do not (Bierman, Factorization Methods
+    for Discrete Sequential Estimation, 1977).
+    """
 
     mean: Array
-    covariance: Array
+    root: Array
+
+    @property
+    def std_error(self) -> Array:
+        """The standard error of each unknown, shape (D,)."""
+        return np.asarray(np.sqrt(np.square(self.root).sum(axis=1)))
 
     def time_update(self, deviation: Array, drift: Array) -> Estimate:
         """Return the estimate after a random step of each unknown with this deviation, shape (D,).
@@ -48,24 +57,34 @@ class Estimate(NamedTuple):
         """
         transition = np.eye(len(drift))
         transition[:, -1] += drift
-        covariance = transition @ self.covariance @ transition.T + np.diag(deviation**2)
-        return Estimate(transition @ self.mean, covariance)
+        return Estimate(transition @ self.mean, _triangular_root(transition @ self.root, np.diag(deviation)))
 
     def measurement_update(self, innovations: Innovations) -> Estimate:
         """Return the estimate after the measurements of its innovations."""
-        gain = self.covariance @ innovations.regressor.T
-        return Estimate(self.mean + gain @ innovations.innovation, self.covariance - gain @ gain.T)
+        phi, y = innovations.rows[:, :-1], innovations.rows[:, -1]
+        information = _triangular_root(np.eye(len(phi)), (phi @ self.root).T)
+        root = np.linalg.solve(information, self.root.T).T
+        return Estimate(self.mean + root @ (root.T @ (phi.T @ y)), root)
 
     def inflate_covariance(self, directions: Array) -> Estimate:
         """Return the estimate after independent steps of deviation 1 along the columns, shape (D, F)."""
-        return Estimate(self.mean, self.covariance + directions @ directions.T)
+        return Estimate(self.mean, _triangular_root(self.root, directions))
 
     def with_rate(self, deviation: float) -> Estimate:
         """Return the estimate with an unknown rate of mean 0 and this deviation."""
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        mean[-1] = covariance[-1] = covariance[:, -1] = 0.0
-        covariance[-1, -1] = deviation**2
-        return Estimate(mean, covariance)
+        known = np.append(np.ones(len(self.mean) - 1), 0.0)
+        rate = np.diag(deviation * (1 - known))
+        return Estimate(known * self.mean, _triangular_root(known[:, None] * self.root, rate))
+
+    def information_root(self, count: int) -> Array:
+        """Return W, where W'W is the information on the first unknowns alone, shape (count, count)."""
+        return np.asarray(np.linalg.inv(_triangular_root(self.root[:count])))
+
+
+def _triangular_root(*roots: Array) -> Array:
+    """Return the lower triangular square root of a sum of covariances with square roots (D, F), shape (D, D)."""
+    r_factor: Array = np.asarray(np.linalg.qr(np.hstack(roots).T, mode='r'), dtype=float)
+    return np.asarray(r_factor.T, dtype=float)
 
 
 class Innovations(NamedTuple):
@@ -76,7 +95,8 @@ class Innovations(NamedTuple):
     log_likelihood: float  #: of the rows, up to a constant.
     regressor: Array  #: of a step, shape (D, D).
     innovation: Array  #: shape (D,).
-    rows: int  #: number of rows.
+    rows: Array  #: R factor of the rows, without the residual, shape (D, D+1).
+    number: int  #: of rows.
 
     @classmethod
     def of(cls, estimate: Estimate, rows: Sequence[Array]) -> Innovations:
@@ -86,13 +106,13 @@ class Innovations(NamedTuple):
         stacked[:, -1] -= stacked[:, :-1] @ estimate.mean
         r_factor = np.zeros((size + 1, size + 1))
         r_factor[: min(count, size + 1)] = stacked if count <= size else np.linalg.qr(stacked, mode='r')
-        phi = r_factor[:-1, :-1]
-        root = np.linalg.cholesky(np.eye(size) + phi @ estimate.covariance @ phi.T)
-        whitened: Array = np.asarray(np.linalg.solve(root, r_factor[:-1]), dtype=float)
+        reduced = r_factor[:-1]
+        root = _triangular_root(np.eye(size), reduced[:, :-1] @ estimate.root)
+        whitened: Array = np.asarray(np.linalg.solve(root, reduced), dtype=float)
         ratio = float(np.square(whitened[:, -1]).sum())
-        log_likelihood = -ratio / 2 - float(np.log(np.diag(root)).sum())
+        log_likelihood = -ratio / 2 - float(np.log(np.abs(np.diag(root))).sum())
         residual = float(r_factor[-1, -1] ** 2) / max(count - size, 1)
-        return cls(ratio, residual, log_likelihood, whitened[:, :-1], whitened[:, -1], count)
+        return cls(ratio, residual, log_likelihood, whitened[:, :-1], whitened[:, -1], reduced, count)
 
 
 @dataclass(frozen=True)
@@ -136,7 +156,7 @@ class Noise:
         """Return the noise after a block, given the estimate before it."""
         phi, count = self.rows(block)[:, :-1], min(self.count + 1, self.memory)
         # The variance of an innovation includes the variance of the estimate.
-        innovation = self._errors(block, before.mean[:-1]) / np.sqrt(1 + ((phi @ before.covariance) * phi).sum(axis=1))
+        innovation = self._errors(block, before.mean[:-1]) / np.sqrt(1 + np.square(phi @ before.root).sum(axis=1))
 
         def averaged(old: T, new: T) -> T:
             return old + (new - old) / count
@@ -199,7 +219,7 @@ class StepChange(NamedTuple):
 
 def most_likely_step(innovations: Innovations, names: Sequence[str], x: Array, scale: Array) -> StepChange | None:
     """Return the possible step of the unknowns x, shape (D,), that the Bayesian information criterion prefers."""
-    penalty = max(1.0, innovations.residual) * math.log(innovations.rows)
+    penalty = max(1.0, innovations.residual) * math.log(innovations.number)
     unexplained = max(penalty * len(x), UNEXPLAINED * innovations.ratio)
     steps = (StepChange.of(kind, innovations) for kind in change_types(names, x, scale))
     return max(

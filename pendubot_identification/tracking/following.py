@@ -226,14 +226,14 @@ def _take_rival(now: Following) -> Following:
     taken = replace(now, drifts=not now.drifts, recent=()).after(estimate, end)
     if now.drifts:
         return taken
-    error = math.sqrt(estimate.covariance[-1, -1])
+    error = float(estimate.std_error[-1])
     change = StepChange(ChangeType(DRIFT, drift[:, None]), estimate.mean[-1] * drift, error * np.abs(drift), now.page)
     return replace(taken, events=(*now.events, Change(begin, end, DRIFT, change.significant(now.names))))
 
 
 def report(now: Following, block: Block) -> State:
     """Return the parameters after a block, with standard errors and warnings."""
-    x, errors = _physical(now), np.sqrt(now.common * np.diag(now.estimate.covariance))
+    x, errors = _physical(now), math.sqrt(now.common) * now.estimate.std_error
     along, across = x[3:5], x[-3:-1]
     tilt = math.atan2(across.sum(), along.sum())
     theta, std_error = x[:-4].copy(), errors[:-5]
@@ -255,12 +255,12 @@ def report(now: Following, block: Block) -> State:
 
 def _physical(now: Following) -> Array:
     """Return the estimate without the rate, or the most likely physical one if it is not physical, shape (D-1,)."""
-    x, covariance = now.estimate.mean[:-1], now.estimate.covariance
+    x = now.estimate.mean[:-1]
     inside = (x >= now.bounds.lower).all() and (x <= now.bounds.upper).all()
     if inside and not Parameters.from_vector(x[:-4]).unphysical():
         return np.asarray(x)
-    root = np.linalg.inv(np.linalg.cholesky(covariance[:-1, :-1]))
-    return Quadratic.reduce(root, root @ x).minimum(now.bounds)
+    weights = now.estimate.information_root(len(x))
+    return Quadratic.reduce(weights, weights @ x).minimum(now.bounds)
 
 
 def _warnings(

@@ -119,11 +119,13 @@ class Tracker:
             self._pause, self._attempted = s.pause, -math.inf
         while self._following is None:
             due = max(t[0] + s.first, self._attempted + self._pause)
-            newest = self._samples.newest = self._samples.newest[t > min(due, t[-1]) - s.longest_first]
+            # Two samples remain, and show an implausible interval.
+            oldest = min(np.searchsorted(t, min(due, t[-1]) - s.longest_first, side='right'), max(len(t) - 2, 0))
+            newest = self._samples.newest = self._samples.newest[oldest:]
             t = newest[:, 0]
             if t[-1] < due:
                 return
-            first, pause = newest[t <= due], self._pause
+            first, pause = newest[: max(np.searchsorted(t, due, side='right'), 2)], self._pause
             # Growing pauses limit the cost of attempts.
             self._attempted, self._pause = due, min(2 * pause, s.longest_pause)
             try:
@@ -172,9 +174,12 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
     walk = scale * np.where(np.isin(names, FRICTION), settings.friction_walk, settings.inertia_walk)
     mean, deviation = np.append(x, 0.0), np.where(np.isin(names, present), scale, settings.inertia_walk * scale)
     deviation[:size], deviation[size] = UNKNOWN * theta_scale, max(searched, deviation[size])
-    prior, rows = Estimate(mean, np.diag(deviation**2)), [noise.rows(block) for block in blocks]
+    prior, rows = Estimate(mean, np.diag(deviation)), [noise.rows(block) for block in blocks]
     updated = prior.measurement_update(Innovations.of(prior, rows))
-    poor = np.sqrt(np.diag(updated.covariance))[:5] > POOR * theta_scale[:5]
+    # The jackknife: wrong samples in one block may dominate all others.
+    others = (_pooled([*blocks[:k], *blocks[k + 1 :]]) for k in range(len(blocks)))
+    spread = np.std([each.minimum(_fixed(within, present)) for each in others], axis=0) * math.sqrt(len(blocks) - 1)
+    poor = ~(np.maximum(updated.std_error[:5], spread[:5]) <= POOR * theta_scale[:5])  # also if it is NaN
     if poor.any():
         raise PendubotError(f'poorly determined: {", ".join(np.array(NAMES[:5])[poor])}')
     beginning = within if searched else unbound, scale, walk, effort, gate, level, tuple(why), segment, noise
@@ -185,7 +190,7 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
     more = np.where(np.isin(bounds.names, FRICTION), settings.friction_carried_over, settings.carried_over)
     error = 0.0 if start.std_error is None else start.std_error
     deviation[:size] = np.hypot(error, more * theta_scale)
-    known = Estimate(np.append(start.theta, mean[size:]), np.diag(deviation**2))
+    known = Estimate(np.append(start.theta, mean[size:]), np.diag(deviation))
     innovations, pooled = Innovations.of(known, rows), _pooled(blocks)
     worse = float(pooled(known.mean[:-1]) / pooled(x))
     if innovations.ratio <= gate if segment.whitened else worse <= settings.rejected:
