@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import stdtr
 
 from pendubot_identification.arrays import Array
+from pendubot_identification.criteria.likelihood import LikelihoodSettings
 from pendubot_identification.criteria.prediction_error import Prediction, predict
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH
@@ -172,6 +173,10 @@ def remaining_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Faul
     accepted = any(effect.accepted for effect in answer.effects)
     if answer.exact and not accepted:
         return tuple(fault for fault in faults if agrees_with_exact_fit(fault, answer.offsets))
+    rough, usual = answer.rough.likelihood.filter_data.settings.intervals[0], LikelihoodSettings().intervals[0]
+    if rough < usual and not accepted:
+        found = f'the model predicts the motion over {rough:g} s, and over {usual:g} s is expected'
+        return (*faults, Fault('motion', found, 'check the recording, or record slower motion', Level.ERROR))
     if not faults or not accepted:
         return faults
     motions = [compensated(motion, answer.effects, answer.delay) for motion in answer.data.excerpt().motions]

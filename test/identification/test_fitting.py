@@ -53,7 +53,8 @@ def test_a_disturbed_fast_motion_is_fitted_at_shorter_intervals():
     ]
     motions[0].tau[700:800] = 0.0
     found = identify(motions)
-    assert found.level is Level.WARN
+    assert found.level is Level.ERROR
+    assert 'the model predicts the motion over 0.025 s, and over 0.05 s is expected' in found.warnings[0]
     assert any(warning.startswith('a disturbance: ') and ' at 3.5 s' in warning for warning in found.warnings)
 
 
