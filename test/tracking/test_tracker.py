@@ -81,13 +81,12 @@ def test_intervals_cover_the_true_parameters(rigs, name):
     assert not [e for e in events if not isinstance(e, Disturbance)]
 
 
-@pytest.mark.parametrize(('first', 'count'), [(1071, 2), (433, 100)])
-def test_a_few_wrong_samples_do_not_end_the_tracking(rigs, first, count):
-    """Before the start or in it: the joints are exchanged for some samples."""
-    samples = rigs['nothing'].copy()
-    samples[first : first + count, 1:3] = samples[first : first + count, 2:0:-1]
-    _, states, _ = track(samples, start_of(None))
-    assert error(states[-1]) < 0.003
+@pytest.mark.parametrize('first', [1071, 1456])
+def test_wrong_samples_do_not_make_a_covariance_indefinite(rigs, first):
+    samples = rigs['nothing'][:4000].copy()
+    samples[first : first + 10, 1:3] = samples[first : first + 10, 2:0:-1]
+    _, states, _ = track(samples)
+    assert all(np.isfinite(s.std_error).all() for s in states)
 
 
 def test_a_start_that_a_single_block_determines_waits_for_more_motion(rigs):
