@@ -81,10 +81,9 @@ def test_intervals_cover_the_true_parameters(rigs, name):
     assert not [e for e in events if not isinstance(e, Disturbance)]
 
 
-@pytest.mark.parametrize('first', [1071, 1456])
-def test_wrong_samples_do_not_make_a_covariance_indefinite(rigs, first):
+def test_wrong_samples_do_not_make_a_covariance_indefinite(rigs):
     samples = rigs['nothing'][:4000].copy()
-    samples[first : first + 10, 1:3] = samples[first : first + 10, 2:0:-1]
+    samples[1456:1466, 1:3] = samples[1456:1466, 2:0:-1]
     _, states, _ = track(samples)
     assert all(np.isfinite(s.std_error).all() for s in states)
 
