@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
-from scipy.special import stdtrit
-
 #: [ns]
 MS = 1_000_000
 SECOND = 1_000 * MS
@@ -36,10 +34,10 @@ class ClockSettings:
     bucket_us: int = 500_000  #: Longest bucket [us of board time]; only the smallest delay in a bucket is kept.
     finer: int = 4  #: The first buckets are shorter by this factor, so that the first skew comes early.
     growth: int = 16  #: Later buckets have the length of the window so far divided by this number.
-    fewest: int = 6  #: Smallest number of buckets for a skew, and for the smallest delay.
+    fewest: int = 4  #: Smallest number of buckets for a skew, and for the smallest delay.
     max_slope: float = 100.0  #: A larger slope [ns per us] is clamped: 10 %.
     crystals: float = 1.0  #: Largest difference between two crystals [ns per us]: 0.1 %.
-    confidence: float = 0.999  #: With this probability (Student's t) a slope exceeds ``crystals``.
+    significant: float = 3.0  #: The skew exceeds ``crystals`` only by more than this many standard deviations.
     usual_skew: float = 0.2  #: Initial standard deviation of the skew [ns per us]: 200 ppm.
     #: Random walk of the skew: standard deviation after t us, divided by sqrt(t): 0.1 ppm in a second.
     wander: float = 1e-4 / 1e3
@@ -85,7 +83,7 @@ class BoardClock:
         self._jumped_us = 0  # sum of all jumps
         self._step_us = 0  # from one sample to the next; 0: not known yet
         self._in_a_row = 0  # consecutive samples with a replaced time
-        self._rate_error = (0.0, math.inf)  # the measured slope and its confidence interval's half-width
+        self._edge = 0.0  # the newest measured slope
         self._arrival_ns = 0
         self._bucket_end = 0
         self._slope = 0.0  # ns of delay per us of board time; 1e-3 is 1 ppm
@@ -100,8 +98,9 @@ class BoardClock:
     @property
     def wrong_rate(self) -> float:
         """Skew of the host's clock as a fraction if it exceeds the tolerance of crystals, else 0."""
-        slope, error = self._rate_error
-        return slope * 1e-3 if abs(slope) - error > SETTINGS.crystals else 0.0
+        # The filter's prior is a crystal: few or late samples do not contradict it.
+        error = SETTINGS.significant * math.sqrt(self._variance)
+        return self._edge * 1e-3 if abs(self._slope) - error > SETTINGS.crystals else 0.0
 
     def observe(self, t_us: int, arrival_ns: int, frames: int = 1) -> int:
         """Update the estimate with a sample; return its board time [us], not wrapped.
@@ -109,7 +108,7 @@ class BoardClock:
         Args:
             t_us: wrapped sampling time on the board's clock [us].
             arrival_ns: arrival on the host's clock [ns].
-            frames: number of samples since the previous one, including lost ones.
+            frames: number of frames since the previous sample.
         """
         if self._origin_us is None:
             self._origin_us = board_us = t_us
@@ -187,7 +186,7 @@ class BoardClock:
         above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
         # Two of the points lie on the line.
         error = SETTINGS.uncertainty * max(above / (count - 2), SETTINGS.finest) / seen_us
-        self._rate_error = slope, error * float(stdtrit(count - 2, SETTINGS.confidence))
+        self._edge = slope
         # Earlier updates used most of the window: one bucket adds only its fraction of the information.
         noise = error**2 * seen_us / self._span_us
         self._variance += SETTINGS.wander**2 * self._span_us

@@ -98,7 +98,6 @@ class Host:
         """Reset the state for a board that has just booted."""
         self.state: State | None = None
         self._seq: int | None = None  # of the last frame, while the link is up
-        self._hellos = 0  # since the last STATE
         self._boot_id: int | None = None
         self._board_us: int | None = None  # board time of the last STATE
         #: Steps of the board's clock between consecutive frames [us].
@@ -297,8 +296,7 @@ class Host:
             self._restarted('its clock and its sequence numbers restarted', now)
         if not self._accept(state):
             return
-        frames = 1 if self.state is None else max(1, ((state.seq - self.state.seq) & 0xFFFF) - self._hellos)
-        self._hellos = 0
+        frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
         applied, status = self.state.torque if self.state else 0, state.status
         self.state, self._state_arrival = state, now
         if self._zeros_confirmed and not status & Status.ZEROED and now - self._zeros_sent >= REPEAT_INTERVAL:
@@ -369,7 +367,7 @@ class Host:
             self._restarted('it has a new boot_id', now)
         elif self._has_restarted(hello, now):
             self._restarted('its clock and its sequence numbers restarted', now)
-        self._hellos += self._accept(hello)
+        self._accept(hello)
         self._boot_id = hello.boot_id
         self._unanswered = 0
         before, self._unusable = self._unusable, self._why_unusable(hello)

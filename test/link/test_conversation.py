@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.link.clock import MS
-from pendubot_identification.link.events import Report
+from pendubot_identification.link.events import ArmingEnded, Report
 from pendubot_identification.link.host import Host, HostConfig
 from pendubot_identification.link.virtual_board import VirtualBoard
 from pendubot_identification.model.parameters import PAPER
@@ -60,6 +60,8 @@ def test_a_bad_line_and_a_suspended_program_cause_no_accusation_and_no_unwanted_
         if ms % 10 == 0:
             board.receive(to_board.receive(now))
             to_host.send(board.advance(), now)
+            # The last command expires after the watchdog time, but for the latency and a sample.
+            assert board.last.torque == 0 or now - alive < (100 + latency + 20) * MS
         if asleep:
             asleep -= 1
             continue
@@ -71,9 +73,11 @@ def test_a_bad_line_and_a_suspended_program_cause_no_accusation_and_no_unwanted_
             host.arm(now) if wanted else host.motor.disarm(now)
         if host.armed and ms % 7 == 0:
             host.motor.effort(rng.uniform(-0.2, 0.2), now)
-        reports += [e.text for e in host.output.take_events() if isinstance(e, Report)]
+        events = host.output.take_events()
+        reports += [e.text for e in events if isinstance(e, Report)]
+        reports += [e.reason for e in events if isinstance(e, ArmingEnded)]
         to_board.send(host.output.take_data(), now)
-        # The last command expires after the watchdog time, but for the latency and a sample.
         alive = now if wanted else alive
-        assert board.last.torque == 0 or now - alive < (100 + latency + 20) * MS
-    assert not [text for text in reports if any(word in text for word in ACCUSATIONS)]
+    # A lost request to arm is repeated, unless the host is suspended for too long.
+    wrong = ACCUSATIONS if pause > 500 else (*ACCUSATIONS, 'did not confirm')
+    assert not [text for text in reports if any(word in text for word in wrong)]
