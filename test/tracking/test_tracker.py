@@ -138,9 +138,10 @@ def test_the_interval_of_a_change_contains_its_time():
 
 
 def test_a_payload_added_at_rest_and_followed_by_a_free_fall_is_estimated():
-    seconds, _, theta = trial(0.06, 0, tracked=True)
-    assert seconds < 5
-    assert np.abs(theta / BALANCE.carrying(0.06).vector('viscous') - 1)[:5].max() < 0.01
+    trials = [trial(0.06, seed, tracked=True) for seed in range(3)]
+    assert np.median([seconds for seconds, *_ in trials]) < 4
+    for _, _, theta in trials:
+        assert np.abs(theta / BALANCE.carrying(0.06).vector('viscous') - 1)[:5].max() < 0.01
 
 
 @pytest.mark.parametrize('where', [C2, PERCUSSION])
