@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pendubot_identification.arrays import Flags, Indices
+
 from .conventions import JOINT_NAMES
 from .signals import encoder_step, evenly_stamped, has_timestamp_jitter
 from .trajectory import Trajectory
@@ -20,8 +22,8 @@ class CheckSettings:
     missing: float = 0.02  #: Fraction of missing samples, during which the torque is unknown.
     saturated: float = 0.2  #: Fraction of the non-zero effort samples at the greatest value.
     lasting: int = 3  #: Angles are clipped if the extreme position lasts for this number of samples ...
-    repeated: int = 3  #: ... at least this number of times (a limited effort is as often at its limit) ...
     abrupt: float = 4.0  #: ... after a jump of more than this number of encoder steps.
+    repeated: int = 3  #: Least number of times that an effort is at its limit, or an angle is clipped.
 
 
 SETTINGS = CheckSettings()
@@ -64,9 +66,8 @@ def _saturated(motion: Trajectory) -> list[str]:
         greatest, acting = float(size.max()), size > 1e-9
         at_limit = acting & (size > greatest * (1 - 1e-6))
         fraction = at_limit.sum() / max(acting.sum(), 1)
-        times = int((np.diff(at_limit.astype(int), prepend=0) > 0).sum())
-        levels = np.unique(tau[acting]).size
-        if fraction > SETTINGS.saturated and times >= SETTINGS.repeated and acting.sum() > 10 and levels > 2:
+        varied = acting.sum() > 10 and np.unique(tau[acting]).size > 2
+        if varied and fraction > SETTINGS.saturated and len(_runs(at_limit)) >= SETTINGS.repeated:
             warnings.append(
                 f'{motion.name}: the effort of the {joint} is at its maximum of {greatest:.4g} N m in '
                 f'{100 * fraction:.0f} % of the samples with effort; if the motor or the recording limits it, '
@@ -79,8 +80,7 @@ def _clipped(motion: Trajectory) -> list[str]:
     warnings = []
     for joint, q, step in zip(JOINT_NAMES, motion.q.T, encoder_step(motion.q), strict=True):
         for word, extreme in (('greatest', q.max()), ('least', q.min())):
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], q == extreme, [False]]).astype(int)))
-            runs = [(a, b) for a, b in edges.reshape(-1, 2) if a > 0 and b - a >= SETTINGS.lasting]
+            runs = [(a, b) for a, b in _runs(q == extreme) if a > 0 and b - a >= SETTINGS.lasting]
             abrupt = [a for a, b in runs if abs(q[a] - q[a - 1]) > SETTINGS.abrupt * max(step, 1e-6)]
             if len(abrupt) >= SETTINGS.repeated:
                 warnings.append(
@@ -89,6 +89,11 @@ def _clipped(motion: Trajectory) -> list[str]:
                     'without these times'
                 )
     return warnings
+
+
+def _runs(flags: Flags) -> Indices:
+    """Return the first index of each run of flags, and the index after its last, shape (R, 2)."""
+    return np.asarray(np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]))).reshape(-1, 2))
 
 
 #: The checks by their subject.
