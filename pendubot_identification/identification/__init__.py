@@ -3,5 +3,5 @@
 
 """Identification: parameters with covariance, level and warnings, from trajectories and settings.
 
-The stages of :mod:`.pipeline` are: prepare, check conventions, fit, check residuals, validate, assess.
+The stages of :mod:`.pipeline` are: prepare, check conventions, fit, validate, assess.
 """

@@ -164,10 +164,14 @@ _TURNS: tuple[tuple[str, str, str, Affine], ...] = (
     ('degrees', 'the positions are in degrees', 'convert them', Affine.of(_IN_RADIANS)),
     ('degrees', 'the positions are in degrees from hanging', 'convert them', Affine.of(_IN_RADIANS, HANGING)),
     *(
-        ('counts', f'{whose} position is {n:g} times the rotation', f'multiply the counts per turn by {n:g}', change)
+        (
+            'counts',
+            f'{whose} position is {n:g} times the rotation',
+            f'multiply the counts per turn by {n:g}',
+            _from_hanging(((n**-shoulder, 0), (0, n**-elbow))),
+        )
         for n in (2, 4, 1 / 2, 1 / 4)
-        for whose, k, m in (("the shoulder's", 1, 0), ("the elbow's", 0, 1), ("each joint's", 1, 1))
-        for change in [_from_hanging(((n**-k, 0), (0, n**-m)))]
+        for whose, shoulder, elbow in (("the shoulder's", 1, 0), ("the elbow's", 0, 1), ("each joint's", 1, 1))
     ),
 )
 #: The expected zeros.
@@ -297,7 +301,7 @@ class _Recordings:
     def unexplained(self) -> float:
         return _unexplained(self.criterion)
 
-    def squared(self) -> Array:
+    def squared_residuals(self) -> Array:
         """Return the squared residual of each recording with the common parameters."""
         theta = self.criterion.minimum_in_box(BOUNDS)
         return np.array([((part.phi @ theta - part.y) ** 2).sum() for part in self.regressions])
@@ -329,7 +333,7 @@ def _best_correction(recordings: _Recordings) -> Fault | None:
     before = left if best.name == 'zero' else expected
     if before < limit * best.corrected + 1e-12 or best.corrected > SETTINGS.unfit:
         return None
-    gains = recordings.squared() - recordings.after(best.change, best.delay).squared()
+    gains = recordings.squared_residuals() - recordings.after(best.change, best.delay).squared_residuals()
     if len(gains) > 1 and gains.sum() <= gains.max():  # the fault of one recording alone
         return None
     # Of corrections with the same residual the first is reported: without elbow effort some are equal.

@@ -310,6 +310,11 @@ class Problem:
     lower: Array
     upper: Array
 
+    @property
+    def interval(self) -> float:
+        """The shortest sampling interval [s]."""
+        return self.likelihood.filter_data.settings.intervals[0]
+
     def extended(self, effects: Sequence[Effect]) -> tuple[Likelihood, Array, Array, Array]:
         """Return the likelihood with more effects, initial values, and bounds."""
         like, at = self.likelihood, self.likelihood.shared

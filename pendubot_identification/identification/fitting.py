@@ -269,8 +269,9 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
         best = fits.completed(data, progress)
     except FloatingPointError:  # a filter diverges outside the excerpt
         best = Fits.of(data, _first_fit(data, progress), progress)
-    interval = best.rough.likelihood.filter_data.settings.intervals[0]
-    steps = [f'innovations at {interval:g} s: {begin.fit.iterations} scoring steps, J = {best.rough.fit.cost:.6g}']
+    steps = [
+        f'innovations at {best.rough.interval:g} s: {begin.fit.iterations} scoring steps, J = {best.rough.fit.cost:.6g}'
+    ]
     if effects:
         progress('searching for unmodelled effects', 0, 0, math.nan)
         best, found = _with_effects(best, fits, progress)

@@ -169,13 +169,16 @@ def _estimate(answer: Composite) -> Estimate:
 
 
 def remaining_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ...]:
-    """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option."""
+    """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option.
+
+    Without both, a motion that is predictable over a short interval only is a further fault.
+    """
     accepted = any(effect.accepted for effect in answer.effects)
     if answer.exact and not accepted:
         return tuple(fault for fault in faults if agrees_with_exact_fit(fault, answer.offsets))
-    rough, usual = answer.rough.likelihood.filter_data.settings.intervals[0], LikelihoodSettings().intervals[0]
-    if rough < usual and not accepted:
-        found = f'the model predicts the motion over {rough:g} s, and over {usual:g} s is expected'
+    usual = LikelihoodSettings().intervals[0]
+    if answer.rough.interval < usual and not accepted:
+        found = f'the model predicts the motion over {answer.rough.interval:g} s, and over {usual:g} s is expected'
         return (*faults, Fault('motion', found, 'check the recording, or record slower motion', Level.ERROR))
     if not faults or not accepted:
         return faults

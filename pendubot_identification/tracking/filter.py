@@ -83,8 +83,7 @@ class Estimate(NamedTuple):
 
 def _triangular_root(*roots: Array) -> Array:
     """Return the lower triangular square root of a sum of covariances with square roots (D, F), shape (D, D)."""
-    r_factor: Array = np.asarray(np.linalg.qr(np.hstack(roots).T, mode='r'), dtype=float)
-    return np.asarray(r_factor.T, dtype=float)
+    return np.asarray(np.transpose(np.linalg.qr(np.hstack(roots).T, mode='r')), dtype=float)
 
 
 class Innovations(NamedTuple):
