@@ -243,7 +243,7 @@ def agrees_with_exact_fit(fault: Fault, offsets: Array) -> bool:
     """Return whether a fault is consistent with an exact fit and its zero errors [rad], shape (2,)."""
     if fault.name == 'zero' and fault.change is not None:
         return bool((np.abs(fault.change.c + offsets) < SETTINGS.zero).all())
-    return fault.name in ('unit', 'length', 'delay')
+    return fault.name in ('unit', 'length', 'delay', 'counts')
 
 
 def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tuple[float, float]:

@@ -164,6 +164,13 @@ def test_wrong_counts_per_turn_are_diagnosed(factors, found):
     assert fault.remedy.endswith(f'multiply the counts per turn by {max(factors, key=lambda n: abs(np.log(n))):g}')
 
 
+def test_an_exact_fit_does_not_excuse_wrong_counts_per_turn():
+    """In a short motion in which the elbow hardly matters, wrong parameters fit twice its rotation exactly."""
+    result = identify([about_hanging(np.diag((1, 2)))(recording()[:450])])
+    assert result.warnings[0].startswith("the elbow's position is 2 times the rotation")
+    assert result.level == Level.ERROR
+
+
 def test_the_zero_of_one_recording_is_no_common_fault():
     wrong, right = shifted(q1=5)(recording(seed=1, name='wrong')), recording(seed=2, name='right')
     assert 'zero' not in {fault.name for fault in diagnosed(wrong, right)}
