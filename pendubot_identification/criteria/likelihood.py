@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 from scipy.optimize import lsq_linear
 
 from pendubot_identification.arrays import Array, Flags
@@ -479,6 +480,10 @@ def fit(
 ) -> LikelihoodFit:
     """Minimise J within bounds by Fisher scoring with Levenberg and Marquardt's damping.
 
+    If the model is wrong, the curvature of J differs from the expected information. Rank-one updates estimate the
+    difference (Conn, Gould and Toint, Mathematical Programming 50, 1991). It is used while it predicts J better
+    (Dennis, Gay and Welsch, ACM Transactions on Mathematical Software 7, 1981).
+
     Args:
         likelihood: J.
         x: initial values, shape (P,).
@@ -490,43 +495,78 @@ def fit(
     """
     estimated = lower < upper
     x = repaired(np.clip(x, lower, upper))
-    damping, converged, number = 1e-3, False, 0
+    damping, converged, number, rejected = 1e-3, False, 0, 0
     reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # noise changes by a factor of e at most
-    now = likelihood.evaluate(x, estimated)
-    cost = float(now.costs.sum()) + likelihood.prior(x)
-    if not np.isfinite(cost) or not np.isfinite(now.informations).all():
+    now, cost = _expanded(likelihood, x, estimated)
+    if not np.isfinite(cost):
         raise FloatingPointError
-    while True:
-        slope, information = fitted_information(likelihood, now, x)
-        if number == iterations:
+    slope, information = fitted_information(likelihood, now, x)
+    correction, corrected = np.zeros_like(information), False
+    while number < iterations:
+        curvature = _corrected(information, correction)
+        step, gain = bounded_step(
+            curvature if corrected else information,
+            slope,
+            damping,
+            np.maximum(lower - x, -reach),
+            np.minimum(upper - x, reach),
+            estimated,
+        )
+        if gain < tolerance or rejected == 12:
+            converged = gain < max(tolerance, 1.0 if rejected else 0.0)
             break
-        for _ in range(12):
-            step, gain = bounded_step(
-                information, slope, damping, np.maximum(lower - x, -reach), np.minimum(upper - x, reach), estimated
+        trial = repaired(x + step)
+        after, value = _expanded(likelihood, trial, estimated)
+        moved, better = trial - x, value < cost - 0.01 * gain
+        if np.isfinite(value):
+            slope_after, information_after = fitted_information(likelihood, after, trial)
+            wrong, wrong_corrected = (
+                abs(value - cost - (slope + H @ moved / 2) @ moved) for H in (information, curvature)
             )
-            if gain < tolerance:
-                converged = True
-                break
-            trial = repaired(x + step)
-            after = likelihood.evaluate(trial, estimated)
-            value = float(after.costs.sum()) + likelihood.prior(trial)
-            if value < cost - 0.01 * gain and np.isfinite(after.informations).all():
-                break
-            damping *= 8.0
-        else:
-            converged = gain < 1.0
-            break
-        if converged:
-            break
+            corrected = bool(wrong_corrected < wrong)
+            near = information_after if better else information
+            correction = _secant(correction, near, moved, slope_after - slope)
+        if not better:
+            damping, rejected = damping * 8.0, rejected + 1
+            continue
         ratio = (cost - value) / gain
-        x, number = trial, number + 1
         damping = max(damping * (0.2 if ratio > 0.6 else 1.0 if ratio > 0.2 else 3.0), 1e-9)
-        now, cost = after, value
+        x, now, cost, slope, information = trial, after, value, slope_after, information_after
+        number, rejected = number + 1, 0
         if progress is not None:
             progress(cost)
     margin = 1e-9 * np.maximum(upper - lower, 0)
     free = estimated & (x > lower + margin) & (x < upper - margin)
     return LikelihoodFit(x, free, cost, now, information, number, converged)
+
+
+def _expanded(likelihood: Likelihood, x: Array, estimated: Flags) -> tuple[Evaluation, float]:
+    """Return J of the blocks, and J with the prior; infinite if a filter diverges."""
+    evaluation = likelihood.evaluate(x, estimated)
+    cost = float(evaluation.costs.sum()) + likelihood.prior(x)
+    return evaluation, cost if np.isfinite(cost) and np.isfinite(evaluation.informations).all() else math.inf
+
+
+def _corrected(information: Array, correction: Array) -> Array:
+    """Return the information plus its correction, but along any direction at least a tenth of the information."""
+    index = np.flatnonzero(np.diag(information) > 0)
+    square, result = np.ix_(index, index), information.copy()
+    scale = np.sqrt(np.diag(information)[index])
+    H = information[square] / scale / scale[:, None] + 1e-9 * np.eye(len(index))
+    values, vectors = eigh(correction[square] / scale / scale[:, None], H)
+    root = scale[:, None] * (H @ vectors)
+    result[square] += root * np.maximum(values, -0.9) @ root.T
+    return np.asarray(result)
+
+
+def _secant(correction: Array, information: Array, moved: Array, change: Array) -> Array:
+    """Return the correction after a rank-one update by the change of the slope along a step."""
+    scale = np.sqrt(np.diag(information))
+    rest = np.where(scale > 0, change - (information + correction) @ moved, 0.0)
+    along = rest @ moved
+    if abs(along) <= 1e-8 * np.linalg.norm(rest[scale > 0] / scale[scale > 0]) * np.linalg.norm(scale * moved):
+        return correction
+    return np.asarray(correction + np.outer(rest, rest) / along)
 
 
 def bounded_step(

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.interpolate import PPoly
+from scipy.optimize import minimize
 
 from pendubot_identification.criteria.likelihood import (
     SHARED,
@@ -20,9 +21,12 @@ from pendubot_identification.criteria.likelihood import (
     fitted_information,
 )
 from pendubot_identification.model.filter import Term, TermKind
+from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.criteria.likelihoods import TRUE, likelihood, motions
+from test.simulated_rig import Rig, record, true
 from test.virtual import C1, CHAOTIC, recording
 
 
@@ -118,6 +122,26 @@ def test_the_fit_converges_from_a_start_with_errors_of_30_percent(prepared):
     assert len(costs) == found.iterations
     assert (np.diff(costs) < 0).all()
     assert found.cost == pytest.approx(like.costs(found.x).sum() + like.prior(found.x))
+
+
+def test_the_fit_of_a_wrong_model_reaches_a_minimum():
+    """Pushes by hand: the curvature of J is far from the expected information."""
+    runs = record(range(2), 2 * [Rig(pushes=2)], step=0.005)
+    pushed = [Motion.prepare(Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])), 0.05) for r in runs]
+    like, x, lower, upper = likelihood(pushed, Parameters(**true(Rig())).vector('geared'), intervals=(0.05,))
+    found = fit(like, x, lower, upper)
+    assert found.converged
+    scale = np.sqrt(np.maximum(np.diag(found.information), 1.0))
+
+    def scaled(z):
+        evaluation = like.evaluate(z / scale, lower < upper)
+        return evaluation.costs.sum() + like.prior(z / scale), fitted_information(like, evaluation, z / scale)[
+            0
+        ] / scale
+
+    box = np.column_stack([lower, upper]) * scale[:, None]
+    other = minimize(scaled, found.x * scale, jac=True, method='L-BFGS-B', bounds=box, options={'maxiter': 20})
+    assert other.fun > found.cost - 0.5
 
 
 def test_the_intensity_of_white_torque_noise_is_estimated_at_each_interval():
