@@ -405,7 +405,7 @@ def _limits(data: TrainingData, filter_data: FilterData) -> tuple[Array, Array]:
 
 
 def _first_fit(data: TrainingData, progress: Progress) -> Problem:
-    """Fit the shortest interval alone, from each of the rough parameters, and return the most likely fit.
+    """Fit the shortest interval alone, from the first of the rough parameters with which a filter follows.
 
     Dry friction is stiff: if the result needs shorter steps than the filter had, the fit is repeated. Fast motions are
     predictable over shorter intervals only: they are halved until a filter follows.
@@ -414,19 +414,18 @@ def _first_fit(data: TrainingData, progress: Progress) -> Problem:
     fine = max(_stable_step(data, theta) for theta, _ in starts)
     while True:
         settings = _shortest(fine, interval)
-        tried = [found for theta, delay in starts if (found := _fit_from(data, theta, delay, settings, progress))]
-        if not tried and interval > max(m.interval for m in data.motions):
+        found = next(filter(None, (_fit_from(data, *start, settings, progress) for start in starts)), None)
+        if found is not None:
+            used, fine = fine, _stable_step(data, found.fit.x[:GEARED])
+            if fine >= used:
+                return found
+        elif interval > max(m.interval for m in data.motions):
             interval /= 2
-            continue
-        if not tried:
+        else:
             raise TrajectoryError(
                 f'{data.motions[0].name}: no filter follows this motion from the rough parameters; check signs, units '
                 'and stamps, or choose another part of the recording'
             )
-        found, used = min(tried, key=lambda problem: problem.fit.cost), fine
-        fine = _stable_step(data, found.fit.x[:GEARED])
-        if fine >= used:
-            return found
 
 
 def _stable_step(data: TrainingData, theta: Array) -> float:
@@ -460,7 +459,7 @@ def _fit_from(
 def _rough(data: TrainingData) -> Iterator[tuple[Array, float]]:
     """Yield theta, shape (14,), and delay [s] of each start: from the settings, or by the weak criterion.
 
-    With few samples, smoothed velocities may have the effect of a delay, so that the least delay is tried as well.
+    With few samples, smoothed velocities resemble a delay: if no filter follows with it, the least delay is tried.
     Friction under load starts at 0: the weak criterion hardly distinguishes it from a smaller torque.
     """
     settings = data.settings
