@@ -100,9 +100,10 @@ class Design:
             )
         A, both = linearise(parameters)
         Phi, pushes = sampled(A, both, loop.period)
-        Gamma = pushes[:, :1]
         weight = (parameters.P4 + parameters.P5) * GRAVITY
-        Q, R = np.diag([1, 1, 0, 0]) / SETTINGS.angle**2, np.eye(1) / (SETTINGS.torque * weight) ** 2
+        # In units of the torque with unit cost; in N m the equation is ill-conditioned for a small rig.
+        unit = SETTINGS.torque * weight
+        Gamma, Q, R = unit * pushes[:, :1], np.diag([1, 1, 0, 0]) / SETTINGS.angle**2, np.eye(1)
         disturbance = pushes @ pushes.T * (SETTINGS.disturbance * weight) ** 2 * (0.01 / loop.period)
         noise = np.eye(2) * (2 * math.pi / SETTINGS.counts_per_turn) ** 2 / 12
         try:
@@ -113,7 +114,7 @@ class Design:
                 'no controller can be designed for these parameters: the rig is hardly controllable by its motor; '
                 'identify the rig again'
             ) from error
-        K = np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
+        K = unit * np.linalg.solve(Gamma.T @ S @ Gamma + R, Gamma.T @ S @ Phi)
         L = covariance @ _MEASURED.T @ np.linalg.inv(_MEASURED @ covariance @ _MEASURED.T + noise)
         return cls(parameters, tuple(map(float, parameters.vector())), loop, K[0], L)
 

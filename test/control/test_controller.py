@@ -17,7 +17,7 @@ from pendubot_identification.control.plan import Plan, held_since, simulate_clos
 from pendubot_identification.control.sign_check import SignCheck
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import forward_dynamics
-from pendubot_identification.model.parameters import BALANCE, PAPER
+from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant
 
 LAG = 0.004
@@ -165,6 +165,13 @@ def test_the_plan_finds_the_torque_limit_too_small_and_gives_a_sufficient_one():
     plan = Plan.make(BALANCE, replace(LOOPS[200], limit=0.6))
     assert plan.swing_up == math.inf
     assert 0.6 < plan.sufficient < 2.0
+
+
+@pytest.mark.parametrize('mass', [0.2, 0.1, 0.05])
+def test_the_gain_is_proportional_to_the_mass_also_of_a_small_rig(mass):
+    rig = np.array([4.375e-5, 1.933e-5, 2.305e-5, 1.233e-3, 4.896e-4, 2.5e-5, 1.1e-6])  # links of 5 cm
+    gain, lighter = (Design.make(Parameters.from_vector(m * rig), Loop(0.002)).K for m in (1.0, mass))
+    np.testing.assert_allclose(lighter, mass * gain, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
