@@ -155,15 +155,15 @@ class Balancing:
             if self.phase is Phase.IDLE:
                 self.plan = None
             return None
+        plan = self._coming or self.plan
+        if self.phase is not Phase.IDLE and plan is not None:
+            # The loop is constant during a motion.
+            wanted = wanted[0], plan.design.loop
         if wanted == self._refused:
             return None
         self.obstacle = ''
-        plan = self._coming or self.plan
         if plan is not None and wanted == (plan.design.parameters, plan.design.loop):
             return None
-        if self.phase is not Phase.IDLE and plan is not None:
-            # The loop is constant during a motion.
-            return None if wanted[0] == plan.design.parameters else (wanted[0], plan.design.loop)
         return wanted
 
     def prepared(self, plan: Plan) -> None:

@@ -210,3 +210,15 @@ def test_a_failed_plan_is_not_repeated_until_an_input_changes():
     assert balancing.diagnosis()[:2] == (Level.WARN, 'waiting: too slow')
     balancing.readiness.board_limit(1.0)
     assert balancing.to_prepare(False) is not None
+
+
+def test_parameters_refused_while_moving_are_not_prepared_again_if_the_torque_limit_changes():
+    balancing = running()
+    balancing.readiness.board_limit(1.0)
+    balancing.readiness.offer(BETTER)
+    balancing.readiness.assess(Level.OK, '', values(BETTER))
+    wanted = balancing.to_prepare(False)
+    assert wanted[1].limit == 2.0, 'the loop is constant during a motion'
+    balancing.not_prepared(wanted, 'too slow')
+    assert balancing.to_prepare(False) is None
+    assert balancing.obstacle == 'too slow'
