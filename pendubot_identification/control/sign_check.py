@@ -5,7 +5,8 @@
 
 Short windows are simulated under each hypothesis: correct wiring, a wrong sign of an encoder or the motor, or exchanged
 encoders. The check accepts the hypothesis with a much smaller prediction error than all others. Inaccurate parameters
-increase all errors equally.
+increase all errors equally. A hand that holds a link spoils all predictions, so a fault also has to explain the motion
+much better than uniform motion does.
 """
 
 import math
@@ -56,8 +57,12 @@ class SignCheck:
         self._size = SETTINGS.steps * self._every + 1
         self._positions: deque[Pair] = deque(maxlen=self._size)
         self._efforts: deque[float] = deque(maxlen=self._size + self._late)
-        self._errors = [0.0] * len(_FAULTS)
+        self._restart()
         self.interrupt()
+
+    def _restart(self) -> None:
+        self._errors = [0.0] * len(_FAULTS)
+        self._uniform = 0.0  # error of uniform motion
 
     def interrupt(self) -> None:
         """Start a new window at the next sample, after lost samples."""
@@ -78,12 +83,17 @@ class SignCheck:
         torques = [sum(applied[k : k + n]) / n for k in range(0, len(applied), n)]
         for k, (_, place, motor) in enumerate(_FAULTS):
             self._errors[k] += self._error(list(map(place, positions)), [motor * torque for torque in torques])
+        self._uniform += _squared(positions)
         if math.isinf(self._errors[0]):
             raise ControlError('a simulation of the rig diverges with these parameters; identify the rig again')
         best, second = sorted(range(len(_FAULTS)), key=self._errors.__getitem__)[:2]
-        if self._errors[second] < SETTINGS.ratio * self._errors[best] + SETTINGS.floor**2:
+        decisive = SETTINGS.ratio * self._errors[best] + SETTINGS.floor**2
+        if self._errors[second] < decisive:
             return False
         if name := _FAULTS[best][0]:
+            if self._uniform < decisive:
+                self._restart()
+                return False
             raise ControlError(f'{name}, according to the motion of the rig; correct that, see docs/rig.md')
         return True
 
@@ -100,8 +110,13 @@ class SignCheck:
             for torque, (q1, q2) in zip(torques, measured[1:], strict=True):
                 state = advance(self._theta, state, (torque, 0.0), self._step, math)
                 errors.append((q1 - state[0], q2 - state[1]))
-            with np.errstate(all='ignore'):
-                error = float((detrend(np.array(errors), axis=0) ** 2).sum() / len(errors))
+            error = _squared(errors)
             return error if math.isfinite(error) else math.inf
         except (ValueError, ArithmeticError):
             return math.inf
+
+
+def _squared(pairs: list[Pair]) -> float:
+    """Return the mean squared deviation of both joints from straight lines [rad^2]."""
+    with np.errstate(all='ignore'):
+        return float((detrend(np.array(pairs), axis=0) ** 2).sum() / len(pairs))

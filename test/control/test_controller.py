@@ -81,6 +81,17 @@ def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(r
     assert closed_loop.motion.t[-1] < 0.2
 
 
+@pytest.mark.parametrize(('rate', 'tilt'), [(200, (0.1, 0.0)), (200, (0.05, 0.05)), (500, (0.0, 0.1))])
+def test_a_hand_that_holds_the_rig_is_not_mistaken_for_wrong_signs_and_wrong_signs_are_named_after_it(rate, tilt):
+    period = LOOPS[rate].period
+    controller, held = Controller(designed(rate=rate)), (UPRIGHT + tilt[0], tilt[1])
+    torque = 0.0
+    for k in range(-round(1 / period), 0):
+        torque = controller.step(k * period, held, torque)
+    closed_loop = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, held), 0.5, motor=-1.0)
+    assert 'the motor turns the wrong way' in closed_loop.stopped
+
+
 @pytest.mark.parametrize('inertia', [(1e-9, 1e-9, 9e-10), (0.0, 0.0, 0.0)])
 def test_parameters_with_which_a_simulation_diverges_are_refused(inertia):
     check = SignCheck((*inertia, 1.0, 1.0, 0.0, 0.0), period=0.01, lag=0.0)
