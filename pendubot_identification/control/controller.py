@@ -33,6 +33,7 @@ class ControllerSettings:
     stiffness: float = 0.28  #: Acceleration of link 1 towards upright per rad, over w^2.
     damping: float = 0.82  #: Damping ratio of that motion.
     eagerness: float = 1.4  #: Reciprocal of the missing fraction of energy above which the pumping saturates.
+    friction: float = 3.0  #: Pumping against the friction of the elbow, as a multiple of that torque over P5 g.
     sharpness: float = 3.0  #: The pumping decreases below a speed of link 2 of w / sharpness.
     reach: float = 0.8  #: Largest deviation of a link from upright while balancing [rad].
     catch_torque: float = 0.9  #: Fraction of the torque limit in the simulation before the switch to balancing.
@@ -189,16 +190,18 @@ def _swing_up(design: Design, state: RigState, upright: float) -> float:
         E2' = -P3 cos(q2) (q1' + q2') q1'' - ...
 
     so an acceleration against the sign of cos(q2) (q1' + q2') raises it (K. J. Astrom and K. Furuta, *Swinging up a
-    pendulum by energy control*, Automatica 36, 2000). At the potential energy of the upright position, link 2 passes
+    pendulum by energy control*, Automatica 36, 2000). Without an addition for the energy that the elbow's friction
+    takes, the energy would settle below the top. At the potential energy of the upright position, link 2 passes
     upright slowly while link 1 stays upright, and the regulator takes over.
     """
     p, (q1, q2, v1, v2) = design.parameters, state
     inertia, top, v12 = p.P2 + p.J2, p.P5 * GRAVITY, v1 + v2
     w = math.sqrt(top / inertia)
     missing = 1 - math.sin(q1 + q2) - inertia * v12 * v12 / 2 / top
+    lost = (p.b2 * abs(v2) + p.Fc2) / top
     pump = (
         SETTINGS.pump
-        * max(-1.0, min(1.0, SETTINGS.eagerness * missing))
+        * max(-1.0, min(1.0, SETTINGS.eagerness * missing + SETTINGS.friction * lost))
         * math.tanh(SETTINGS.sharpness * v12 * math.cos(q2) / w)
     )
     draw = SETTINGS.stiffness * (q1 - upright) + 2 * SETTINGS.damping * math.sqrt(SETTINGS.stiffness) * v1 / w

@@ -172,6 +172,10 @@ def test_the_controller_stops_at_invalid_samples(t, q, effort, words):
         controller.step(t, q, effort)
 
 
+def test_a_rig_with_much_friction_at_the_elbow_is_swung_up():
+    assert Plan.make(replace(BALANCE, b2=0.001, Fc2=0.005), LOOPS[200]).swing_up < 5.0
+
+
 def test_the_plan_finds_the_torque_limit_too_small_and_gives_a_sufficient_one():
     plan = Plan.make(BALANCE, replace(LOOPS[200], limit=0.6))
     assert plan.swing_up == math.inf
