@@ -219,7 +219,7 @@ class BagWriter:
         """Write the pending chunk; close the bag if the index and ``coming`` more bytes would not fit on the disk."""
         chunks = (self._chunks + 1) * (SETTINGS.chunk_cost + SETTINGS.index_cost * len(self._topics))
         needed = self._pending + coming + chunks + SETTINGS.file_cost * (1 + len(self._topics))
-        if reason := _shortage(self._folder, needed, self._reserve, self._complete_size):
+        if reason := _shortage(self.file, needed, self._reserve, self._complete_size):  # raises if the file was removed
             self._close()
             sentence = f'{self.path} is closed with all earlier messages: {reason}; free some space'
             self._closed = RefusedError(sentence, reason)
@@ -342,9 +342,9 @@ def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         raise BagError(f'{path} is not written: {reason}; free some space or choose another place') from error
 
 
-def _shortage(folder: Path, needed: int, reserve: int, size: int = 0) -> str:
+def _shortage(path: Path, needed: int, reserve: int, size: int = 0) -> str:
     """Return why ``needed`` bytes cannot be added to a file of ``size`` bytes with ``reserve`` bytes left, or ''."""
-    disk = os.statvfs(folder)
+    disk = os.statvfs(path)
     free = disk.f_bavail * disk.f_frsize
     # Some file systems report no size.
     if disk.f_blocks and free < needed + reserve:

@@ -137,6 +137,14 @@ def test_a_full_disk_is_reported_in_one_sentence_and_leaves_complete_chunks(tmp_
     assert reader.files[0].damages == [], 'no incomplete chunk at the end'
 
 
+def test_the_removal_of_the_file_is_reported_at_once(tmp_path):
+    bag = BagWriter(tmp_path / 'bag')
+    bag.flush()
+    bag.file.unlink()
+    with pytest.raises(BagError, match=r'cannot be written \(No such file'):
+        bag.flush()
+
+
 @pytest.mark.parametrize('velocities', [True, False])
 def test_a_written_trajectory_is_read_back(tmp_path, velocities):
     t = np.arange(100) * 0.01
