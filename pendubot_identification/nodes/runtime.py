@@ -8,6 +8,7 @@ import sys
 import textwrap
 import threading
 import traceback
+import warnings
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
@@ -89,9 +90,14 @@ class SettingsNode(Node):
 
     def __init__(self, ended: Shutdown) -> None:
         try:
-            super().__init__(self.PROGRAM)
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore')  # rclpy also warns of its incomplete node
+                super().__init__(self.PROGRAM)
         except ParameterException as error:  # of ROS's own parameters, such as use_sim_time
             raise ParameterError(str(error)) from error
+        except rclpy_implementation.RCLError as error:
+            reason = str(error).split(', at ')[0]
+            raise ParameterError(f'{reason}; a namespace such as /lab1, without / at its end, is expected') from error
         self.exit_status = 0
         self.ended = ended
 

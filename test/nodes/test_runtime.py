@@ -72,6 +72,7 @@ FILES = [
 
 def test_invalid_settings_are_refused_in_one_sentence(tmp_path):
     runs = [(program, parameters(**values), sentence) for program, values, sentence in REFUSED]
+    runs.append(('bridge', ['--ros-args', '-r', '__ns:=/lab1/'], 'a namespace such as /lab1, without / at its end'))
     for k, (content, sentence) in enumerate(FILES):
         file = tmp_path / f'{k}.yaml'
         file.write_text(yaml.safe_dump({node: {'ros__parameters': values} for node, values in content.items()}))
