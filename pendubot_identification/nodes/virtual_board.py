@@ -95,7 +95,8 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
         ParameterError: a value is invalid, or the parameters are unphysical.
         ResultError: the parameters cannot be read.
     """
-    for name, low, high, unit in (('rate', 1, 10_000, ' Hz'), ('spread', 0, 1, ''), ('delay', 0, 1, '')):
+    ranges = ('rate', 1, 10_000, ' Hz'), ('spread', 0, 1, ''), ('delay', 0, 1, ''), ('duration', 0, math.inf, ' s')
+    for name, low, high, unit in ranges:
         if not low <= (value := getattr(options, name)) <= high:
             raise ParameterError(f'--{name} is {value:g}{unit}; a number from {low} to {high} is expected')
     if options.seed < 0:

@@ -65,6 +65,7 @@ def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
         (['--duration', '0.1', '--ros-args', '-r', '__node:=x'], 0, 'virtual board on /dev/pts/'),
         (['--ros-args', '--params-file', '/none.yaml'], 1, 'virtual_board: failed to initialize rcl: '),
         (['--rate', '0'], 1, '--rate is 0 Hz'),
+        (['--duration', 'nan'], 1, '--duration is nan s'),
         (['--fault', 'rust=1'], 1, "no fault 'rust'"),
         (['--limit', 'heat=1'], 1, "no limit 'heat'; the limits are torque_slew, max_speed"),
     ],
