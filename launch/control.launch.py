@@ -30,7 +30,7 @@ REMEDY += 'ros-$ROS_DISTRO-joint-state-topic-hardware-interface'
 
 def start(args):
     """Return the programs of the rig without the exciter, and the programs of ros2_control."""
-    file = os.path.expanduser(args['controllers']) or str(resource('config/controllers.yaml'))
+    file = args['controllers'] or str(resource('config/controllers.yaml'))
     if not os.path.isfile(file):
         raise ParameterError(
             f'controllers is {args["controllers"]}, and there is no such file; name a parameter file of controllers'

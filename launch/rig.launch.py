@@ -35,12 +35,10 @@ def start(args):
     """Return bridge, recorder, exciter and view; the exciter arms the motor only after the recorder records."""
 
     def file(name, argument):
-        path = os.path.expanduser(args[argument])
+        path = args[argument]
         # The launch library would only warn, and start the program with its defaults.
         if path and not os.path.isfile(path):
-            raise ParameterError(
-                f'{argument} is {args[argument]}, and there is no such file; name a parameter file of {name}'
-            )
+            raise ParameterError(f'{argument} is {path}, and there is no such file; name a parameter file of {name}')
         if path:
             refuse_untaken(path, f'{args["namespace"]}/{name}')
         return path or str(resource(f'config/{name}.yaml'))

@@ -214,11 +214,11 @@ def _value(name: str, text: str, default: Any) -> Any:
     """Return the value of an argument, converted to the type of its default."""
     if not isinstance(default, list):
         setting = Setting(name, default, '')
-        value = setting.parse(text)
+        value = setting.parse(os.path.expanduser(text))
         setting.check(value)
         return value
     with suppress(yaml.YAMLError):
         listed = yaml.safe_load(text) if text.startswith('[') else [text]
         if all(isinstance(each, str) for each in listed):
-            return listed or ['']  # ROS has no list without elements
+            return [*map(os.path.expanduser, listed)] or ['']  # ROS has no list without elements
     raise ParameterError(f"{name} is {text}; a text, or a list of texts such as \"['a', 'b']\", is expected")

@@ -21,6 +21,7 @@ class Setting:
         optional: whether None is allowed (left open); ROS has no None, so its default stands for it.
         length: number of values of a list; 0: any number.
         distinct: whether the values of a list have to be different and not empty.
+        path: whether a text is a path; a node expands ~ in it, because no shell does that after NAME:=.
         read: conversion of a text or a YAML value; by default, to the type of the default.
     """
 
@@ -35,6 +36,7 @@ class Setting:
     optional: bool = False
     length: int = 0
     distinct: bool = False
+    path: bool = False
     read: Callable[[Any], Any] | None = None
 
     def of_ros(self, value: Any) -> Any:

@@ -36,7 +36,11 @@ DELAY = Setting(
     read=lambda value: interval('delay', value, '0:0.02'),
 )
 START = Setting(
-    'start', '', 'result file from whose parameters likelihood starts; by default the estimate by weak', optional=True
+    'start',
+    '',
+    'result file from whose parameters likelihood starts; by default the estimate by weak',
+    optional=True,
+    path=True,
 )
 PER_VECTOR = Setting('per_vector', False, "draw MDE's operator once per vector, as always beyond energy and viscous")
 SPREAD_LIMIT = Setting(

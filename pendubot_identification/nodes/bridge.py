@@ -69,7 +69,7 @@ class Bridge(ManagedNode):
         'reopens a lost port.'
     )
     SETTINGS = (
-        Setting('port', '/dev/pendubot', "the board's serial port: a path or a pyserial URL"),
+        Setting('port', '/dev/pendubot', "the board's serial port: a path or a pyserial URL", path=True),
         Setting('baud', 921600, 'speed of the port', 'bit/s', 1200, 12_000_000),
         JOINTS,
         Setting('sign', [1, 1], "1 or -1 for each joint: direction of its encoder's counts", '', -1, 1, length=2),

@@ -63,15 +63,15 @@ class Identifier(ManagedNode):
     SETTINGS = tuple(
         replace(each, dynamic=each is not AUTOSTART)
         for each in (
-            Setting('bags', [''], 'training bags or files with columns, each BAG[@START:END] in seconds'),
-            Setting('validate', [''], 'validation bags; by default the rest of the training bags'),
+            Setting('bags', [''], 'training bags or files with columns, each BAG[@START:END] in seconds', path=True),
+            Setting('validate', [''], 'validation bags; by default the rest of the training bags', path=True),
             replace(TOPIC, default='joint_states'),
             runtime.JOINTS,
             *(replace(option, **CHANGED.get(option.name, {})) for option in OPTIONS if option is not PER_VECTOR),
             *(option for option in CONVERSION if option not in (TOPIC, JOINTS)),
             APPLY_REMEDIES,
             Setting('bounds', [''], 'search intervals that replace the defaults, each NAME=LOW:HIGH or NAME=VALUE'),
-            Setting('output', '', 'result file to write; empty: none'),
+            Setting('output', '', 'result file to write; empty: none', path=True),
             Setting('force', False, 'whether an existing result file is overwritten'),
             AUTOSTART,
         )

@@ -85,11 +85,11 @@ class Player(SettingsNode):
         'played only if topics contains them. ros2 bag play has more options.'
     )
     SETTINGS = (
-        Setting('bag', '', 'the bag, BAG or BAG@START:END in seconds from its first message: a folder or .mcap file'),
+        Setting('bag', '', 'BAG or BAG@START:END in seconds from its first message: a folder or .mcap file', path=True),
         Setting('topics', [''], 'the topics to play; one empty name: all except effort commands'),
         Setting('rate', 1.0, 'speed relative to the recording', '', 0.001, 1000.0),
         Setting('wait', 0.0, 'longest wait until every topic has a subscriber', 's', 0.0, 3600.0),
-        Setting('ghost', '', 'result file, whose rig is simulated beside the bag on ghost/joint_states; empty: none'),
+        Setting('ghost', '', 'result file, whose rig is simulated on ghost/joint_states; empty: none', path=True),
         JOINTS,
     )
 

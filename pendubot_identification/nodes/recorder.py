@@ -59,7 +59,7 @@ class Recorder(ManagedNode):
         'bag; after SIGKILL only the last moments are missing.'
     )
     SETTINGS = (
-        Setting('output', '', "the bag's folder, which must not exist; empty: pendubot_<UTC date-time> in this folder"),
+        Setting('output', '', "the bag's folder, which must not exist; empty: pendubot_<UTC date-time>", path=True),
         Setting('topics', ['joint_states', 'pendubot/effort_command'], 'the topics to record'),
         Setting('reserve', 100_000_000, 'free space on the disk below which the bag is closed', 'bytes', 0),
         Setting('max_messages', 0, 'number of messages of the first topic; 0: until stopped', minimum=0),

@@ -4,6 +4,7 @@
 """The base classes of the nodes: parameters with descriptors, ``--help``, signals, one-line errors, exit status."""
 
 import math
+import os
 import sys
 import textwrap
 import threading
@@ -141,7 +142,10 @@ class SettingsNode(Node):
             value = changes.get(setting.name, self.get_parameter_or(setting.name)).value
             if value is None:  # an empty list, which has no type in ROS
                 raise setting.refusal('empty')
-            values[setting.name] = setting.of_ros(value)
+            value = setting.of_ros(value)
+            if setting.path and value is not None:
+                value = [*map(os.path.expanduser, value)] if isinstance(value, list) else os.path.expanduser(value)
+            values[setting.name] = value
         return values
 
     def _is_read_only(self, setting: Setting) -> bool:

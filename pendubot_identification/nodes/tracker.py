@@ -46,7 +46,7 @@ class Tracker(ManagedNode):
     )
     SETTINGS = (
         JOINTS,
-        Setting('start', '', 'result file with the initial parameters; empty: the first motion is identified'),
+        Setting('start', '', 'result file with initial parameters; empty: the first motion is identified', path=True),
         Setting('model', 'coulomb', 'model without a start', choices=tuple(MODELS)),
         Setting('rate', 1.0, 'highest rate of published parameters', 'Hz', 0.01, 10.0, dynamic=True),
         AUTOSTART,

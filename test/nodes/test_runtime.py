@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 import yaml
@@ -42,6 +43,9 @@ REFUSED = [
     ('recorder', {'topics': '[""]'}, 'name at least one topic'),
     ('recorder', {'reserve': 2**60}, 'is not begun: its disk has'),
     ('tracker', {'start': '/none.yaml'}, 'there is no file /none.yaml'),
+    # No shell expands a ~ after NAME:=.
+    ('recorder', {'output': '~/'}, f'{Path.home()} exists already'),
+    ('player', {'bag': '~/none@0:9'}, f'there is no bag {Path.home()}/none;'),
     ('player', {'bag': "''"}, 'bag is empty; give the folder of a bag'),
     ('player', {'bag': '/nowhere'}, 'there is no bag /nowhere'),
     ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
