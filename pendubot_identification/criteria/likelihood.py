@@ -513,7 +513,7 @@ def fit(
             estimated,
         )
         if gain < tolerance or rejected == 12:
-            converged = gain < max(tolerance, 1.0 if rejected else 0.0)
+            converged = gain < 1.0
             break
         trial = repaired(x + step)
         after, value = _expanded(likelihood, trial, estimated)

@@ -265,6 +265,11 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
             if transition() is not TransitionCallbackReturn.SUCCESS and self._failure is not None:
                 raise self._failure
 
+    def destroy_node(self) -> None:
+        """Destroy the node with its state machine, which rclpy would keep, and with it the node's name in the graph."""
+        self._state_machine.destroy_when_not_in_use()
+        super().destroy_node()
+
     def stop(self) -> None:
         """Close the node if it is open."""
         if self.opened:

@@ -139,4 +139,5 @@ def test_setting_the_computers_clock_is_reported_once_and_stays_in_the_diagnosis
         assert capfd.readouterr().err.count("computer's clock") == 1
         bridge.end()
         bridge._close()
+    assert spin_until(node, lambda: ('bridge', '/') not in node.get_node_names_and_namespaces())
     node.destroy_node()
