@@ -137,7 +137,8 @@ def test_setting_the_computers_clock_is_reported_once_and_stays_in_the_diagnosis
         bridge._epoch_ns -= 86_400 * 10**9
         assert spin_until(node, lambda: sum('set by +86400.00 s' in text for text in texts) >= 2)
         assert capfd.readouterr().err.count("computer's clock") == 1
+        bridges = node.get_node_names().count('bridge')  # one that a test killed may still be known
         bridge.end()
         bridge._close()
-    assert spin_until(node, lambda: ('bridge', '/') not in node.get_node_names_and_namespaces())
+    assert spin_until(node, lambda: node.get_node_names().count('bridge') < bridges)
     node.destroy_node()
