@@ -504,14 +504,8 @@ def fit(
     correction, corrected = np.zeros_like(information), False
     while number < iterations:
         curvature = _corrected(information, correction)
-        step, gain = bounded_step(
-            curvature if corrected else information,
-            slope,
-            damping,
-            np.maximum(lower - x, -reach),
-            np.minimum(upper - x, reach),
-            estimated,
-        )
+        low, high = np.maximum(lower - x, -reach), np.minimum(upper - x, reach)
+        step, gain = bounded_step(curvature if corrected else information, slope, damping, low, high, estimated)
         if gain < tolerance or rejected == 12:
             converged = gain < 1.0
             break
@@ -520,10 +514,8 @@ def fit(
         moved, better = trial - x, value < cost - 0.01 * gain
         if np.isfinite(value):
             slope_after, information_after = fitted_information(likelihood, after, trial)
-            wrong, wrong_corrected = (
-                abs(value - cost - (slope + H @ moved / 2) @ moved) for H in (information, curvature)
-            )
-            corrected = bool(wrong_corrected < wrong)
+            wrong = [abs(value - cost - (slope + H @ moved / 2) @ moved) for H in (information, curvature)]
+            corrected = bool(wrong[1] < wrong[0])
             near = information_after if better else information
             correction = _secant(correction, near, moved, slope_after - slope)
         if not better:
