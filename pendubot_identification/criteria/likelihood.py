@@ -497,7 +497,7 @@ def fit(
     x = repaired(np.clip(x, lower, upper))
     damping, converged, number, rejected = 1e-3, False, 0, 0
     reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # noise changes by a factor of e at most
-    now, cost = _expanded(likelihood, x, estimated)
+    now, cost = _evaluated(likelihood, x, estimated)
     if not np.isfinite(cost):
         raise FloatingPointError
     slope, information = fitted_information(likelihood, now, x)
@@ -510,7 +510,7 @@ def fit(
             converged = gain < 1.0
             break
         trial = repaired(x + step)
-        after, value = _expanded(likelihood, trial, estimated)
+        after, value = _evaluated(likelihood, trial, estimated)
         moved, better = trial - x, value < cost - 0.01 * gain
         if np.isfinite(value):
             slope_after, information_after = fitted_information(likelihood, after, trial)
@@ -532,7 +532,7 @@ def fit(
     return LikelihoodFit(x, free, cost, now, information, number, converged)
 
 
-def _expanded(likelihood: Likelihood, x: Array, estimated: Flags) -> tuple[Evaluation, float]:
+def _evaluated(likelihood: Likelihood, x: Array, estimated: Flags) -> tuple[Evaluation, float]:
     """Return J of the blocks, and J with the prior; infinite if a filter diverges."""
     evaluation = likelihood.evaluate(x, estimated)
     cost = float(evaluation.costs.sum()) + likelihood.prior(x)

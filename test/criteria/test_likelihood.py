@@ -135,9 +135,8 @@ def test_the_fit_of_a_wrong_model_reaches_a_minimum():
 
     def scaled(z):
         evaluation = like.evaluate(z / scale, lower < upper)
-        return evaluation.costs.sum() + like.prior(z / scale), fitted_information(like, evaluation, z / scale)[
-            0
-        ] / scale
+        slope, _ = fitted_information(like, evaluation, z / scale)
+        return evaluation.costs.sum() + like.prior(z / scale), slope / scale
 
     box = np.column_stack([lower, upper]) * scale[:, None]
     other = minimize(scaled, found.x * scale, jac=True, method='L-BFGS-B', bounds=box, options={'maxiter': 20})
