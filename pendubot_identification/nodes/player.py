@@ -177,7 +177,8 @@ class Player(SettingsNode):
         """Play a file until its end or the end of the program; return the number of played messages."""
         count = 0
         for messages in file.messages(self._publishers_of, self._first_ns, self._end_ns):
-            for message in messages:
+            # The recorder fetches topic by topic.
+            for message in sorted(messages, key=lambda message: message.log_time):
                 due_ns = self._begun_ns + (message.log_time - self._first_ns) / self._rate
                 if self.ended.wait((due_ns - time.monotonic_ns()) / SECOND):
                     return count

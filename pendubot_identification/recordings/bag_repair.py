@@ -4,7 +4,7 @@
 """Makes a closed copy of an unclosed, truncated or damaged bag."""
 
 from array import array
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -42,8 +42,7 @@ class SavedFile:
 def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFile]:
     """Write a closed copy of a bag, in one file, with every intact message; the original stays as it is.
 
-    Messages, their times and numbers, topics, types and qualities of service are copied byte for byte, each file's
-    messages in the order of log time.
+    Messages, their times and numbers, topics, types and qualities of service are copied byte for byte.
 
     Raises:
         BagError: the bag does not exist or has no intact message, the output exists, or writing fails.
@@ -54,8 +53,6 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     bag = BagReader(path)
     if not any(file.channels for file in bag.files):
         raise BagError(f'{path} holds no intact message; copy it again from the recorder')
-    for file in bag.files:
-        deque(file.scan(), maxlen=0)
     described = read_information(source)
     last_numbers: Counter[str] = Counter()
     with complete_bag(output, overwrite=overwrite) as copy:
@@ -74,7 +71,7 @@ def _copied(file: McapFile, copy: BagWriter, last_numbers: Counter[str]) -> Save
         if channel.schema_id in file.schemas
     }
     numbers = {name: array('q') for name in file.topics}
-    for messages in file.messages(file.topics):
+    for messages in file.scan():
         for message in messages:
             if message.channel_id in to:
                 copy.write(

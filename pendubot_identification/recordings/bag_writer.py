@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import threading
 from collections import Counter
@@ -18,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -34,7 +32,6 @@ from .message_types import message_definition
 class WriteSettings:
     """Limits of a chunk, and the file's largest overhead in addition to the message data."""
 
-    interval_ns: int = 100_000_000  #: Longest difference of log times in a chunk [ns]: a killed program loses it.
     chunk_size: int = 64 * 1024  #: Largest size of a chunk with more than one message [bytes].
     message_cost: int = 64  #: Largest overhead of a message [bytes].
     chunk_cost: int = 256  #: Largest overhead of a chunk [bytes].
@@ -70,7 +67,7 @@ class RefusedError(BagError):
 class BagWriter:
     """Writes a bag from its construction until :meth:`close`; also a context manager.
 
-    A message reaches the operating system when a message 0.1 s later arrives, and the disk with :meth:`sync`. A
+    Messages reach the operating system with :meth:`flush`, or when a chunk is full, and the disk with :meth:`sync`. A
     killed program loses only messages that did not reach the operating system. The bag is closed before the disk is
     full. All methods may be called from any thread.
 
@@ -98,7 +95,7 @@ class BagWriter:
         self._topics: dict[int, tuple[Schema, Channel]] = {}
         self._counts: Counter[int] = Counter()
         self._described = (-1, -1)
-        self._first_ns = self._last_ns = self._flushed_ns = 0
+        self._first_ns = self._last_ns = 0
         self._complete_size = self._chunks = self._pending = 0
         if os.path.lexists(self._folder):
             raise BagError(f'{self._folder} exists already; give another name')
@@ -145,14 +142,6 @@ class BagWriter:
                 if replace(known, id=channel.id) == channel:
                     return number
             channel.id = self._mcap.register_channel(channel.topic, channel.message_encoding, schema_id, metadata)
-            # The library writes both into the next chunk alone. If that chunk is damaged in an unclosed file, this
-            # copy keeps the others readable.
-            self._hand_over()
-            records = RecordBuilder()
-            schema.write(records)
-            channel.write(records)
-            self._file.write(records.end())
-            self._hand_over()
             self._topics[channel.id] = schema, channel
         return channel.id
 
@@ -170,14 +159,10 @@ class BagWriter:
                 self._flush(size)
             self._mcap.add_message(channel, log_time_ns, data, published_ns, sequence & 0xFFFFFFFF)
             if not self._counts:
-                self._first_ns = self._last_ns = self._flushed_ns = log_time_ns
+                self._first_ns = self._last_ns = log_time_ns
             self._first_ns, self._last_ns = min(self._first_ns, log_time_ns), max(self._last_ns, log_time_ns)
             self._counts[channel] += 1
             self._pending += size
-            # Flush also after the clock was set back.
-            if abs(log_time_ns - self._flushed_ns) >= SETTINGS.interval_ns:
-                self._flush()
-                self._flushed_ns = log_time_ns
 
     def flush(self) -> None:
         """Pass all written messages to the operating system."""
@@ -219,7 +204,7 @@ class BagWriter:
         """Write the pending chunk; close the bag if the index and ``coming`` more bytes would not fit on the disk."""
         chunks = (self._chunks + 1) * (SETTINGS.chunk_cost + SETTINGS.index_cost * len(self._topics))
         needed = self._pending + coming + chunks + SETTINGS.file_cost * (1 + len(self._topics))
-        if reason := _shortage(self.file, needed, self._reserve, self._complete_size):  # raises if the file was removed
+        if reason := _shortage(self.file, needed, self._reserve):  # raises if the file was removed
             self._close()
             sentence = f'{self.path} is closed with all earlier messages: {reason}; free some space'
             self._closed = RefusedError(sentence, reason)
@@ -342,17 +327,14 @@ def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         raise BagError(f'{path} is not written: {reason}; free some space or choose another place') from error
 
 
-def _shortage(path: Path, needed: int, reserve: int, size: int = 0) -> str:
-    """Return why ``needed`` bytes cannot be added to a file of ``size`` bytes with ``reserve`` bytes left, or ''."""
+def _shortage(path: Path, needed: int, reserve: int) -> str:
+    """Return why ``needed`` bytes cannot be added to the disk of a path with ``reserve`` bytes left, or ''."""
     disk = os.statvfs(path)
     free = disk.f_bavail * disk.f_frsize
     # Some file systems report no size.
     if disk.f_blocks and free < needed + reserve:
         reserved = f', including the reserve of {reserve / 1e6:.1f} MB' if reserve else ''
         return f'its disk has {free / 1e6:.1f} MB left{reserved}'
-    limit, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
-    if limit != resource.RLIM_INFINITY and size + needed > limit:
-        return f'the system limits files to {limit / 1e6:.3f} MB (ulimit -f)'
     return ''
 
 

@@ -1,70 +1,56 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Reads one .mcap file, and the intact parts of an unclosed or damaged one.
+"""Reads one .mcap file, and the intact chunks of an unclosed or damaged one.
 
-The mcap library parses single records (https://mcap.dev/spec); numpy reads the messages of many records at once. A
-closed file ends with an index of its chunks. For any other file, a scan of the complete file makes the index.
+The mcap library parses the summary, chunks and definitions (https://mcap.dev/spec); numpy reads the messages of many
+records at once. A closed file ends with an index of its chunks. For any other file, a scan makes the index.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import struct
 import tempfile
 import weakref
 import zlib
 from array import array
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Message, Schema, Statistics
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import DTypeLike, NDArray
 
-from pendubot_identification.arrays import Indices
+from pendubot_identification.arrays import Flags, Indices
 from pendubot_identification.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
 #: Opcode and length of a record.
 HEAD = struct.Struct('<BQ')
+#: The footer's record: offset of the summary, offset of the summary offsets, and checksum.
+FOOTER = struct.Struct('<9xQQI')
 #: A message's record up to its data; ``length`` is the size of the last four fields and the data.
 MESSAGE = np.dtype('u1, <u8, <u2, <u4, <i8, <i8')
 MESSAGE.names = ('opcode', 'length', 'channel', 'sequence', 'logged', 'published')
 FIELDS = MESSAGE.itemsize - HEAD.size
-#: Size of the footer record before the last magic [bytes].
-FOOTER_SIZE = HEAD.size + 20
-#: Start of a chunk's index record: first and last log time, offset and length of the chunk's record.
-INDEX = struct.Struct('<qqqq')
 #: Records of a chunk other than messages.
 DEFINITIONS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
-#: First opcode of private records.
-PRIVATE = 128
 #: Start of a message in rosbag2's compression mode ``message``; no CDR starts with these bytes.
 ZSTD = b'\x28\xb5\x2f\xfd'
+#: Size of the records that numpy reads at once [bytes]; fits into a processor's cache.
+BLOCK = 250_000
 FOREVER_NS = 2**63 - 1
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Memory limits: a small file that claims gigabytes must not fill the memory."""
-
-    decompressed: int = 1 << 27  #: Largest size of a chunk or message after decompression [bytes].
-    growth: int = 1000  #: Largest ratio of the sizes of an .mcap.zstd after and before decompression.
-    block: int = 250_000  #: Size of the records that numpy reads at once [bytes]; fits into a processor's cache.
-
-
-LIMITS = Limits()
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,27 +92,9 @@ class Messages:
         """Return the selected messages."""
         return Messages(self.data, self.starts[selected], self.heads[selected])
 
-    def followed_by(self, others: Messages) -> Messages:
-        """Return these messages, followed by the others."""
-        first = Messages.of([message.data for message in self], self.heads)
-        starts = np.concatenate([first.starts, len(first.data) + others.starts])
-        return Messages(first.data + others.data, starts, np.concatenate([first.heads, others.heads]))
-
     def contents(self, kind: DTypeLike) -> NDArray[Any]:
         """Return the start of each message's data as one dtype, shape (N,)."""
         return _gathered(self.data, self.starts + MESSAGE.itemsize, np.dtype(kind))
-
-
-NOTHING = Messages(b'', np.empty(0, np.int64), np.empty(0, MESSAGE))
-
-
-class Part(NamedTuple):
-    """The content of a chunk, which has a checksum, or of consecutive records outside of chunks."""
-
-    size: int  #: [bytes]
-    is_chunk: bool = False
-    definitions: Sequence[Schema | Channel] = ()
-    messages: Messages = NOTHING
 
 
 class McapFile:
@@ -162,11 +130,11 @@ class McapFile:
             if os.pread(self._descriptor, len(MAGIC), 0) != MAGIC:
                 raise BagError(f'{path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
             try:
-                self._index = self._read_summary()
+                self._read_summary(file)
             except Exception:  # the parsers raise many types for damaged bytes
                 self.closed = False
             if self.first_ns is None:
-                deque(self.scan(), maxlen=0)
+                self._make_index()
         except OSError as error:
             reason = error.strerror or str(error)
             raise BagError(f'{path} cannot be read: {reason}; check its name, permissions and disk') from error
@@ -190,163 +158,120 @@ class McapFile:
         )
 
     def messages(self, topics: Collection[str], start_ns: int = 0, end_ns: int = FOREVER_NS) -> Iterator[Messages]:
-        """Yield blocks of messages of some topics with START <= log time < END [ns], in the order of log time.
+        """Yield blocks of messages of some topics with START <= log time < END [ns], in the order of writing.
 
-        Only chunks with messages of these times are read. Intact messages before a damaged part are still yielded.
+        Only chunks with messages of these times are read.
 
         Raises:
-            BagError: a part of a closed file is damaged, or the file changed after it was opened.
+            BagError: a chunk is damaged, or the file changed after it was opened.
         """
         channels = np.array([number for number, channel in self.channels.items() if channel.topic in topics], np.uint16)
-        rows = self._index[(self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)]
-        waiting = NOTHING
-        for block, until_ns in self._read_parts(rows[np.argsort(rows[:, 0], kind='stable')]):
+        for block in self._blocks((self._index[:, 1] >= start_ns) & (self._index[:, 0] < end_ns)):
             wanted = np.isin(block.heads['channel'], channels, kind='table')
             wanted &= (start_ns <= block.heads['logged']) & (block.heads['logged'] < end_ns)
-            found = waiting.followed_by(block.part(wanted)) if len(waiting) else block.part(wanted)
-            logged = found.heads['logged']
-            if (logged[1:] < logged[:-1]).any():
-                found = found.part(np.argsort(logged, kind='stable'))
-            # A recorder with several threads writes some messages after later ones, even into the next chunk.
-            ready = int(np.searchsorted(found.heads['logged'], until_ns, side='right'))
-            waiting = found.part(slice(ready, None))
-            if ready:
-                yield found.part(slice(ready))
-
-    def _read_parts(self, rows: Indices) -> Iterator[tuple[Messages, int]]:
-        """Yield the messages of index rows, sorted by first log time, with the first log time of the next row.
-
-        Several small parts are read together.
-        """
-        waiting, size = list[bytes](), 0
-        for k, (first_ns, _, offset, length) in enumerate(map(np.ndarray.tolist, rows)):
-            next_ns = int(rows[k + 1, 0]) if k + 1 < len(rows) else FOREVER_NS
-            try:
-                waiting.append(_unpacked(self._read(offset, length)))
-                size += len(waiting[-1])
-                full = size >= LIMITS.block or k + 1 == len(rows)
-                found = parse_records(b''.join(waiting)).messages if full else None
-            except Exception as error:
-                with suppress(Exception):
-                    yield parse_records(b''.join(waiting)).messages, FOREVER_NS
-                after = (first_ns - (self.first_ns or 0)) / 1e9
-                raise BagError(
-                    f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or '
-                    'changed after it was opened; copy it again from the recorder, choose a window without that time, '
-                    f'or save its intact messages with pendubot repair {self.path.parent}'
-                ) from error
-            if found is not None:
-                yield found, next_ns
-                waiting, size = [], 0
-
-    def _read_summary(self) -> Indices:
-        """Read counts and definitions from the end of the file; return its chunk index, or raise any exception."""
-        at = self._size - len(MAGIC) - FOOTER_SIZE
-        record = self._read(at, FOOTER_SIZE + len(MAGIC))
-        footer = _parsed(Footer, record[HEAD.size : FOOTER_SIZE])
-        if record[0] != Opcode.FOOTER or record[FOOTER_SIZE:] != MAGIC:
-            raise ValueError('there is no footer')
-        start = footer.summary_start or at
-        summary = self._read(start, at + FOOTER_SIZE - start)
-        # An index with a wrong time would hide messages.
-        if footer.summary_crc and zlib.crc32(summary[:-4]) != footer.summary_crc:
-            raise ValueError('the summary is damaged')
-        numbers, statistics, content_end = array('q'), None, 0
-        for opcode, begin, content_end in _records(summary):
-            # The library needs 0.15 s for the 30,000 of an hour, longer than all other steps for a short window.
-            if opcode == Opcode.CHUNK_INDEX:
-                numbers.extend(INDEX.unpack_from(summary, begin))
-            elif opcode == Opcode.STATISTICS:
-                statistics = _parsed(Statistics, summary[begin:content_end])
-            elif opcode in DEFINITIONS:
-                self._define(_parsed(DEFINITIONS[opcode], summary[begin:content_end]))
-        if content_end != len(summary):
-            raise ValueError('the summary is truncated')
-        index = np.array(numbers, np.int64).reshape(-1, 4)
-        if statistics is not None and statistics.message_count and statistics.chunk_count == len(index) > 0:
-            self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
-            self._counts.update(statistics.channel_message_counts)
-        return index[np.argsort(index[:, 2], kind='stable')]
+            if wanted.any():
+                yield block.part(wanted)
 
     def scan(self) -> Iterator[Messages]:
-        """Yield the messages of all intact parts in the order of writing, without the index, and list damaged parts.
+        """Yield the messages of all intact chunks in the order of writing, and list the damaged chunks."""
+        yield from self._blocks(np.full(len(self._index), True), skip=True)
 
-        At the end, the intact parts become the index for :meth:`messages`, also of a closed file.
+    def _blocks(self, selected: Flags, *, skip: bool = False) -> Iterator[Messages]:
+        """Yield the messages of the selected chunks; several small chunks are read together. Skip damaged ones."""
+        waiting, size = list[bytes](), 0
+        for first_ns, _, offset, length in self._index[selected].tolist():
+            try:
+                record = self._read(offset, length)
+                waiting.append(record if record[0] == Opcode.MESSAGE else _unpacked(record))
+            except Exception as error:  # as above
+                if skip:
+                    self.damages.append(Damage(offset, length))
+                    continue
+                if waiting:
+                    yield self._parsed(waiting)
+                after = (first_ns - (self.first_ns or 0)) / 1e9
+                where = f' {offset} bytes from its start, {after:.3f} s after its first message,'
+                raise self._damaged(where) from error
+            size += len(waiting[-1])
+            if size >= BLOCK:
+                yield self._parsed(waiting)
+                waiting, size = [], 0
+        if waiting:
+            yield self._parsed(waiting)
 
-        Raises:
-            OSError: reading fails.
-        """
-        tail = os.pread(self._descriptor, len(MAGIC), max(self._size - len(MAGIC), len(MAGIC)))
-        end = self._size - len(MAGIC) * (tail == MAGIC)
-        numbers, counts = array('q'), Counter[int]()
-        self.damages = []
-        at = intact = len(MAGIC)
-        while at < end:
-            part = self._part(at, end)
-            if part is None:
-                # A wrong length may skip intact chunks: search from the last intact part on.
-                found = self._next_chunk(intact + 1, end)
-                at = intact if found < at else at
-                # The last chunk may be truncated.
-                part = self._part(at, end, cut=True) if found == end else None
-            if part is None:
-                self.damages.append(Damage(at, found - at))
-                at = found
-                continue
-            for definition in part.definitions:
-                self._define(definition, part.is_chunk)
-            if part.messages:
-                heads = part.messages.heads
-                numbers.extend((int(heads['logged'].min()), int(heads['logged'].max()), at, part.size))
-                if self.first_ns is None:
-                    counts.update(heads['channel'].tolist())
-                yield part.messages
-            at += part.size
-            intact = at if part.definitions or part.messages else intact
-        self._index = np.array(numbers, np.int64).reshape(-1, 4)
-        if self.first_ns is None:
-            self._counts, self.closed = counts, self.closed and not self.damages
-            if len(self._index):
-                self.first_ns, self.last_ns = int(self._index[:, 0].min()), int(self._index[:, 1].max())
-
-    def _part(self, at: int, end: int, *, cut: bool = False) -> Part | None:
-        """Return the chunk, the records outside of chunks, or the other record at an offset; None if it is damaged.
-
-        With ``cut``, the end of a chunk may be missing.
-        """
+    def _parsed(self, contents: Sequence[bytes]) -> Messages:
         try:
-            opcode, length = HEAD.unpack(self._read(at, HEAD.size))
-            size = min(HEAD.size + length, end - at) if cut and opcode == Opcode.CHUNK else HEAD.size + length
-            if at + size > end or not (0 < opcode <= Opcode.DATA_END or opcode >= PRIVATE):
-                return None
-            if opcode == Opcode.CHUNK:
-                return parse_records(_unpacked(self._read(at, size)))._replace(size=size, is_chunk=True)
-            if opcode != Opcode.MESSAGE and opcode not in DEFINITIONS:
-                return Part(size)
-            # Records outside of chunks mostly follow each other.
-            part = parse_records(self._read(at, max(size, min(LIMITS.block, end - at))), whole=False)
-        except OSError:
-            raise
-        except Exception:  # as above
-            return None
-        # A chunk with a damaged opcode looks like a message of an unknown channel.
-        known = {*self.channels, *(entry.id for entry in part.definitions if isinstance(entry, Channel))}
-        return part if known.issuperset(part.messages.heads['channel'].tolist()) else None
+            return parse_records(b''.join(contents))[0]
+        except Exception as error:
+            raise self._damaged('') from error
 
-    def _next_chunk(self, start: int, end: int) -> int:
-        """Return the offset of the next intact chunk, or ``end`` if there is none."""
-        while start < end:
-            block = self._read(start, min(LIMITS.block, end - start))
-            for found in re.finditer(bytes([Opcode.CHUNK]), block):
-                if self._part(start + found.start(), end) is not None:
-                    return start + found.start()
-            start += len(block)
-        return end
+    def _damaged(self, where: str) -> BagError:
+        return BagError(
+            f'{self.path} is damaged{where} or changed after it was opened; copy it again from the recorder, choose a '
+            f'window without that time, or save its intact messages with pendubot repair {self.path.parent}'
+        )
 
-    def _define(self, definition: Schema | Channel, checked: bool = True) -> None:
+    def _read_summary(self, file: IO[bytes]) -> None:
+        """Read definitions, counts and the index of chunks from the end of the file, or raise any exception."""
+        end = self._size - FOOTER.size - len(MAGIC)
+        start, _, checksum = FOOTER.unpack(self._read(end, FOOTER.size))
+        # An index with a wrong time would hide messages.
+        start = start or end
+        if checksum and zlib.crc32(self._read(start, end + FOOTER.size - start)[:-4]) != checksum:
+            raise ValueError('the summary is damaged')
+        summary = make_reader(file).get_summary()
+        if summary is None:
+            return
+        self.schemas, self.channels, statistics = summary.schemas, summary.channels, summary.statistics
+        # Without an index, the file is scanned.
+        if statistics and statistics.message_count and statistics.chunk_count == len(summary.chunk_indexes) > 0:
+            self._index = np.array(
+                [
+                    (chunk.message_start_time, chunk.message_end_time, chunk.chunk_start_offset, chunk.chunk_length)
+                    for chunk in summary.chunk_indexes
+                ]
+            )
+            self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
+            self._counts.update(statistics.channel_message_counts)
+
+    def _make_index(self) -> None:
+        """Read the complete file to make the index of its intact parts: chunks, and records outside of chunks."""
+        rows, at = list[tuple[int, int, int, int]](), len(MAGIC)
+        while at < self._size:
+            size = self._size - at  # the rest is lost, unless the length of this record is known
+            try:
+                opcode, length = HEAD.unpack(self._read(at, HEAD.size))
+                if Opcode(opcode) == Opcode.DATA_END:  # only the summary follows
+                    break
+                record = self._read(at, HEAD.size + length)
+                size = len(record)
+                if opcode == Opcode.CHUNK:
+                    record = _unpacked(record)
+                elif opcode == Opcode.MESSAGE:  # most records of a file without chunks
+                    record = self._read(at, max(size, min(BLOCK, self._size - at)))
+                elif opcode not in DEFINITIONS:
+                    at += size
+                    continue
+                messages, definitions, end = parse_records(record, whole=opcode != Opcode.MESSAGE)
+            except Exception:  # as above
+                self.damages.append(Damage(at, size))
+                self.closed = False
+            else:
+                for definition in definitions:
+                    self._define(definition)
+                size = end if opcode == Opcode.MESSAGE else size
+                if messages:
+                    logged = messages.heads['logged']
+                    rows.append((int(logged.min()), int(logged.max()), at, size))
+                    self._counts.update(messages.heads['channel'].tolist())
+            at += size
+        self._index = np.array(rows, np.int64).reshape(-1, 4)
+        if rows:
+            self.first_ns, self.last_ns = int(self._index[:, 0].min()), int(self._index[:, 1].max())
+
+    def _define(self, definition: Schema | Channel) -> None:
         known: dict[int, Any] = self.schemas if isinstance(definition, Schema) else self.channels
-        if checked or definition.id not in known:
-            known[definition.id] = definition
+        known[definition.id] = definition
 
     def _read(self, at: int, size: int) -> bytes:
         data = os.pread(self._descriptor, size, at) if 0 <= size <= self._size - at else b''
@@ -355,8 +280,11 @@ class McapFile:
         return data
 
 
-def parse_records(data: bytes, *, whole: bool = True) -> Part:
-    """Return the messages and definitions in records, or raise any exception; ``whole``: raise if bytes remain."""
+def parse_records(data: bytes, *, whole: bool = True) -> tuple[Messages, list[Schema | Channel], int]:
+    """Return the messages and definitions at the start of records, and the size of these.
+
+    May raise any exception; ``whole``: raise if other records or bytes follow.
+    """
     definitions: list[Schema | Channel] = []
     end, size = 0, HEAD.size + int.from_bytes(data[1 : HEAD.size], 'little')
     heads = np.frombuffer(data, np.uint8, len(data) // size * size).reshape(-1, size)[:, : HEAD.size]
@@ -366,11 +294,13 @@ def parse_records(data: bytes, *, whole: bool = True) -> Part:
         starts, end = np.arange(0, len(heads) * size, size), len(heads) * size
     else:
         places = array('q')
-        for opcode, begin, stop in _records(data):
-            if opcode == Opcode.MESSAGE:
-                places.append(begin - HEAD.size)
-            elif opcode in DEFINITIONS:
-                definitions.append(_parsed(DEFINITIONS[opcode], data[begin:stop]))
+        while end + HEAD.size <= len(data):
+            opcode, length = HEAD.unpack_from(data, end)
+            begin, stop = end + HEAD.size, end + HEAD.size + length
+            if opcode == Opcode.MESSAGE and stop <= len(data):
+                places.append(end)
+            elif opcode in DEFINITIONS and stop <= len(data):
+                definitions.append(DEFINITIONS[opcode].read(ReadDataStream(BytesIO(data[begin:stop]))))
             else:
                 break
             end = stop
@@ -380,34 +310,10 @@ def parse_records(data: bytes, *, whole: bool = True) -> Part:
         raise ValueError('the lengths of records are wrong')
     if len(starts) and data.startswith(ZSTD, int(starts[0]) + MESSAGE.itemsize):
         # rosbag2's compression mode ``message``.
-        contents, room = list[bytes](), LIMITS.decompressed
-        for message in messages:
-            content = _decompressed('zstd', message.data, room) if message.data.startswith(ZSTD) else message.data
-            contents.append(content)
-            room -= len(content)
+        packed = [message.data for message in messages]
+        contents = [zstandard.decompress(each) if each.startswith(ZSTD) else each for each in packed]
         messages = Messages.of(contents, messages.heads)
-    return Part(end, False, definitions, messages)
-
-
-def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and end of the content of each complete record."""
-    end = 0
-    while end + HEAD.size <= len(data):
-        opcode, length = HEAD.unpack_from(data, end)
-        begin = end + HEAD.size
-        end = begin + length
-        if end > len(data):
-            return
-        yield opcode, begin, end
-
-
-def _parsed(kind: Any, content: bytes) -> Any:
-    """Return a record as the library parses it; raise ValueError if bytes remain."""
-    stream = ReadDataStream(BytesIO(content))
-    record = kind.read(stream)
-    if stream.count != len(content):
-        raise ValueError('the lengths in a record contradict each other')
-    return record
+    return messages, definitions, end
 
 
 def _gathered(data: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
@@ -417,41 +323,10 @@ def _gathered(data: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]
 
 
 def _unpacked(record: bytes) -> bytes:
-    """Return the records in a chunk, decompressed and checked, or raise any exception; other records unchanged."""
-    if record[0] != Opcode.CHUNK:
-        return record
-    if len(record) < HEAD.size + int.from_bytes(record[1 : HEAD.size], 'little'):
-        return _unpacked_cut(record)
-    chunk = _parsed(Chunk, record[HEAD.size :])
-    data = _decompressed(chunk.compression, chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
-    if len(data) != chunk.uncompressed_size or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ValueError('a chunk is damaged')
-    return bytes(data)
-
-
-def _unpacked_cut(record: bytes) -> bytes:
-    """Return the complete records in a truncated chunk, without checksum, or raise any exception."""
-    stream = ReadDataStream(BytesIO(record[HEAD.size + 16 :]))
-    limit, _, compression, length = stream.read8(), stream.read4(), stream.read_prefixed_string(), stream.read8()
-    data = record[HEAD.size + 16 + stream.count :]
-    if len(data) >= length or limit > LIMITS.decompressed:
-        raise ValueError('nothing is missing, or it is too large')
-    if compression == 'lz4':
-        data = lz4.frame.LZ4FrameDecompressor().decompress(data, limit)
-    elif compression:
-        data = zstandard.ZstdDecompressor().stream_reader(BytesIO(data)).read(limit)
-    return data[: max((stop for _, _, stop in _records(data)), default=0)]
-
-
-def _decompressed(compression: str, data: bytes, limit: int) -> bytes:
-    """Return data of at most ``limit`` bytes: a small file that claims gigabytes must not fill the memory."""
-    if limit > LIMITS.decompressed:
-        raise ValueError('too large')
-    if compression == 'lz4':
-        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
-    if compression != 'zstd' or zstandard.frame_content_size(data) > limit:
-        raise ValueError('unknown compression, or too large')
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=limit)
+    """Return the records in a chunk, decompressed and checked, or raise any exception."""
+    chunk = Chunk.read(ReadDataStream(BytesIO(record[HEAD.size :])))
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    return stream.read(size)
 
 
 def _opened(path: Path) -> IO[bytes]:
@@ -461,15 +336,8 @@ def _opened(path: Path) -> IO[bytes]:
     plain = tempfile.TemporaryFile()  # noqa: SIM115
     # A truncated file is decompressed as far as possible.
     with path.open('rb') as packed, suppress(zstandard.ZstdError):
-        limit = LIMITS.growth * os.fstat(packed.fileno()).st_size
-        for block in zstandard.ZstdDecompressor().read_to_iter(packed):
-            plain.write(block)
-            if plain.tell() > limit:
-                raise BagError(
-                    f'{path} is no bag: decompressed it would be over {LIMITS.growth} times as large; copy it again '
-                    'from the recorder'
-                )
+        zstandard.ZstdDecompressor().copy_stream(packed, plain)
     if not plain.tell():
         raise BagError(f'{path} cannot be decompressed: it is truncated or damaged; copy it again from the recorder')
-    plain.flush()
+    plain.seek(0)
     return plain

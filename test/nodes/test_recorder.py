@@ -191,9 +191,8 @@ def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_
     assert min(losses) <= 100, losses
 
 
-@pytest.mark.parametrize('limited', [True, False], ids=['limit', 'reserve'])
-def test_a_full_disk_is_reported_in_one_sentence_and_leaves_a_closed_bag(observer, tmp_path, limited):
-    figures = [Figure(*fields) for fields in fills_up(tmp_path, limited=limited)]
+def test_a_full_disk_is_reported_in_one_sentence_and_leaves_a_closed_bag(observer, tmp_path):
+    figures = [Figure(*fields) for fields in fills_up(tmp_path, False)]
     assert all(figure.met for figure in figures), figures
     text = 'is closed with all earlier messages'
     observer.until(lambda: any(each.level == b'\2' and text in each.message for each in observer.statuses))

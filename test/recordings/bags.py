@@ -43,6 +43,8 @@ def write(path, samples, topic=TOPIC, logged=lambda k: START + k * STEP + 3_000_
         channel = bag.add_topic(topic, JOINT_STATE)
         for k, sample in enumerate(samples):
             bag.write(channel, encode_joint_state(*sample), logged(k), sequence=k + 1)
+            if k % 10 == 9:
+                bag.flush()
     return path
 
 

@@ -15,7 +15,8 @@ from pendubot_identification.recordings.joint_states import JOINT_STATE
 from .bags import message
 from .independent import by_mcap, by_rosbags
 
-COUNT = 400
+#: Number of messages, and of messages in a chunk.
+COUNT, CHUNK = 400, 11
 TOPICS = ('/joint_states', '/other')
 
 
@@ -28,7 +29,8 @@ def write(path, *, closed=True):
         stamp, data = message(k)
         bag.write(channels[k % 2], data, stamp, sequence=1 + k // 2)
         sent.append((TOPICS[k % 2], stamp, data))
-    bag.flush()
+        if k % CHUNK == CHUNK - 1 or k == COUNT - 1:
+            bag.flush()
     unclosed = bag.file.read_bytes()
     bag.close()
     if not closed:
