@@ -11,7 +11,7 @@ from pendubot_identification import errors
 from test.conftest import ROOT
 
 #: LongRecordingError adds the remedy itself.
-ERRORS = {*vars(errors), 'RefusedError', 'OtherClockError'} - {'LongRecordingError'}
+ERRORS = {*vars(errors), 'RefusedError'} - {'LongRecordingError'}
 #: Subpackages whose errors are mostly reasons why a program waits or stops.
 REASONS = 'control', 'tracking'
 VERBS = (

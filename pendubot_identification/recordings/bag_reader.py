@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 import os
+import weakref
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -45,8 +45,6 @@ class ReadSettings:
 
 
 SETTINGS = ReadSettings()
-#: Folders of converted ROS 1 and sqlite3 bags, which are deleted when the program ends.
-_folders: list[TemporaryDirectory[str]] = []
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +127,9 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        self.files, self.unread = _opened(_as_mcap(self.path))
+        if converted := _converted(self.path):
+            weakref.finalize(self, converted.cleanup)
+        self.files, self.unread = _opened(Path(converted.name, 'bag') if converted else self.path)
         topics: dict[str, tuple[str, int]] = {}
         for file in self.files:
             for name, (type_name, count) in file.topics.items():
@@ -161,26 +161,16 @@ class BagReader:
             yield from file.messages(topics, start_ns, end_ns)
 
 
-class OtherClockError(BagError):
-    """Stamps and log times come from different clocks, so that the index cannot locate a window's samples."""
-
-
-def joint_samples(
-    reader: BagReader,
-    window: BagWindow,
-    conversion: Conversion,
-    margin_ns: int = SETTINGS.latency_ns,
-) -> Iterator[tuple[Indices, Array]]:
+def joint_samples(reader: BagReader, window: BagWindow, conversion: Conversion) -> Iterator[tuple[Indices, Array]]:
     """Yield the samples of two joints in a window, in blocks; values and their order are not checked.
 
     Each block is t [ns] by ``header.stamp`` from the topic's first sample, shape (N,), and position, effort and
-    velocity before the conversion, NaN if absent, shape (N, 3, 2). Only messages with log times at most ``margin_ns``
-    outside the window are read.
+    velocity before the conversion, NaN if absent, shape (N, 3, 2). If stamps and log times run alike, only messages
+    with log times at most :attr:`ReadSettings.latency_ns` outside the window are read.
 
     Raises:
         BagError: the topic is missing or has another type; a joint is missing or has no position or effort; a
             required part of the file is damaged.
-        OtherClockError: at the end, if messages outside the margin may belong to the window.
     """
     topic = conversion.topic
     types = {name: kind for name, (kind, count) in reader.topics.items() if count}
@@ -197,19 +187,20 @@ def joint_samples(
     first = next(iter(next(reader.messages([topic]))))
     first_ns = stamp_of(decode_joint_state(first.data, f'{reader.path}: {topic}, sample 0'))
     decode = JointDecoder(conversion.joints, f'{reader.path}: {topic}', conversion.effort_names)
-    from_ns, until_ns = first.log_time + low - margin_ns, first.log_time + high + margin_ns
-    earliest, latest = FOREVER_NS, -FOREVER_NS
+    from_ns, until_ns = 0, FOREVER_NS
+    if (low or high < FOREVER_NS) and (last := [*reader.messages([topic], reader.last_ns - SETTINGS.latency_ns)]):
+        (final,) = last[-1].part(slice(-1, None))
+        passed_ns = stamp_of(decode_joint_state(final.data, f'{reader.path}: {topic}, last sample')) - first_ns
+        if abs(final.log_time - first.log_time - passed_ns) < SETTINGS.latency_ns:
+            from_ns = first.log_time + low - SETTINGS.latency_ns
+            until_ns = first.log_time + high + SETTINGS.latency_ns
     for messages in reader.messages([topic], max(from_ns, 0), min(until_ns, FOREVER_NS)):
         stamps, values = decode(messages)
         elapsed_ns = stamps - first_ns
-        earliest, latest = min(earliest, int(elapsed_ns.min())), max(latest, int(elapsed_ns.max()))
         # Without START, stamps before the first one stay, so that the check of the trajectory reports them.
         wanted = elapsed_ns < high if window.start is None else (low <= elapsed_ns) & (elapsed_ns < high)
         if wanted.any():
             yield elapsed_ns[wanted], values[wanted]
-    covered = earliest <= low and (latest >= high or until_ns > reader.last_ns)
-    if margin_ns < FOREVER_NS and not covered:
-        raise OtherClockError(f'{window}: its stamps and log times are of different clocks; track the complete bag')
 
 
 Reader = BagReader | TableReader
@@ -260,7 +251,7 @@ def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) ->
     """Yield blocks, shape (N, 5), of t [s] from the recording's first sample, q1, q2 [rad], tau1, tau2 [N m].
 
     Raises:
-        BagError, OtherClockError: as :func:`joint_samples`.
+        BagError: as :func:`joint_samples`.
         TableError: a table cannot be read, or lacks a column.
     """
     if isinstance(reader, TableReader):
@@ -281,15 +272,12 @@ def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) ->
 
 def _collect(reader: BagReader, window: BagWindow, conversion: Conversion) -> tuple[Indices, Array]:
     """Return the samples of a window as one block; reading stops as soon as they are too many or too long."""
-    for margin_ns in (SETTINGS.latency_ns, FOREVER_NS):
-        times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
-        with suppress(OtherClockError):
-            for elapsed_ns, block in joint_samples(reader, window, conversion, margin_ns):
-                times.append(elapsed_ns)
-                values.append(block)
-                count += len(elapsed_ns)
-                if min((elapsed_ns[-1] - times[1][0]) / 1e9, reader.duration) > SETTINGS.limit(count):
-                    break
+    times, values, count = [np.empty(0, np.int64)], [np.empty((0, 3, 2))], 0
+    for elapsed_ns, block in joint_samples(reader, window, conversion):
+        times.append(elapsed_ns)
+        values.append(block)
+        count += len(elapsed_ns)
+        if min((elapsed_ns[-1] - times[1][0]) / 1e9, reader.duration) > SETTINGS.limit(count):
             break
     return np.concatenate(times), np.concatenate(values)
 
@@ -309,37 +297,28 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
     )
 
 
-def _as_mcap(path: Path) -> Path:
-    """Convert the JointStates of a ROS 1 or sqlite3 bag to MCAP and return the folder; return other paths as given."""
-    try:
-        if path.is_dir():
-            files = [*path.glob('*.db3')] if not any(path.glob('*.mcap*')) else []
-        else:
-            files = [path] if path.suffix in ('.bag', '.db3') and path.is_file() else []
-        stamps = frozenset((file.absolute(), file.stat().st_mtime_ns) for file in files)
-    except OSError:  # the reader reports it
-        return path
-    return _converted(path, stamps) if stamps else path
-
-
-@cache
-def _converted(path: Path, stamps: frozenset[tuple[Path, int]]) -> Path:
-    """Convert a bag once for each modification of its files."""
+def _converted(path: Path) -> TemporaryDirectory[str] | None:
+    """Convert the JointStates of a ROS 1 or sqlite3 bag to MCAP, in the folder ``bag``; return None for other paths."""
+    if os.path.isdir(path):
+        if any(path.glob('*.mcap*')) or not any(path.glob('*.db3')):
+            return None
+    elif path.suffix not in ('.bag', '.db3') or not os.path.isfile(path):
+        return None
     from rosbags.convert import ConverterError, convert
     from rosbags.highlevel import AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 
     source = path.parent if path.suffix == '.db3' and (path.parent / 'metadata.yaml').exists() else path
-    _folders.append(TemporaryDirectory(prefix='pendubot-'))
-    target, jazzy = Path(_folders[-1].name, 'bag'), get_typestore(Stores.ROS2_JAZZY)
+    folder, jazzy = TemporaryDirectory(prefix='pendubot-'), get_typestore(Stores.ROS2_JAZZY)
     try:
-        convert([source], target, 'mcap', 9, None, 'none', jazzy, jazzy, [], [], [], [JOINT_STATE])
+        convert([source], Path(folder.name, 'bag'), 'mcap', 9, None, 'none', jazzy, jazzy, [], [], [], [JOINT_STATE])
     except (ConverterError, AnyReaderError, OSError, ValueError) as error:
+        folder.cleanup()
         raise BagError(
             f'{path} is no bag with messages of type {JOINT_STATE} that can be read ({error}); look at it with '
             'rosbag info or ros2 bag info'
         ) from error
-    return target
+    return folder
 
 
 def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:

@@ -65,14 +65,13 @@ class JointDecoder:
     """Decodes two joints from blocks of JointStates; errors name ``source``.
 
     Efforts are read from the entries ``effort_names``, by default from the joints. rosbags decodes the first
-    JointState of a layout; numpy decodes all others.
+    JointState of a layout in a block; numpy decodes all others.
     """
 
     def __init__(self, joint_names: Sequence[str], source: str, effort_names: Sequence[str] | None = None) -> None:
         self._joint_names, self._source = joint_names, source
         self._effort_names = effort_names or joint_names
         self._count = 0
-        self._layout: _Layout | None = None
 
     def __call__(self, messages: Messages) -> tuple[Indices, Array]:
         """Return stamps [ns], shape (N,), and position, effort and velocity, NaN if absent, shape (N, 3, 2).
@@ -83,18 +82,16 @@ class JointDecoder:
         stamps, values = np.empty(len(messages), np.int64), np.full((len(messages), 3, 2), np.nan)
         remaining = np.arange(len(messages))
         while remaining.size:
-            if self._layout is not None:
-                remaining = remaining[~self._layout.read(messages, remaining, stamps, values)]
-            if remaining.size:
-                k, remaining = remaining[0], remaining[1:]
-                (message,) = messages.part(slice(k, k + 1))
-                where = f'{self._source}, sample {self._count + k}'
-                state = decode_joint_state(message.data, where)
-                joints, efforts = self._indices(state, where)
-                stamps[k], values[k, :2] = stamp_of(state), (state.position[joints], state.effort[efforts])
-                if len(state.velocity) == len(state.name):
-                    values[k, 2] = state.velocity[joints]
-                self._layout = _Layout.of(message.data, state, joints, efforts)
+            k, remaining = remaining[0], remaining[1:]
+            (message,) = messages.part(slice(k, k + 1))
+            where = f'{self._source}, sample {self._count + k}'
+            state = decode_joint_state(message.data, where)
+            joints, efforts = self._indices(state, where)
+            stamps[k], values[k, :2] = stamp_of(state), (state.position[joints], state.effort[efforts])
+            if len(state.velocity) == len(state.name):
+                values[k, 2] = state.velocity[joints]
+            if layout := _Layout.of(message.data, state, joints, efforts):
+                remaining = remaining[~layout.read(messages, remaining, stamps, values)]
         self._count += len(messages)
         return stamps, values
 
