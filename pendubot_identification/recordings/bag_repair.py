@@ -13,7 +13,7 @@ import numpy as np
 from pendubot_identification.errors import BagError
 
 from .bag_reader import BagReader
-from .bag_writer import METADATA, BagWriter, complete_bag, read_information
+from .bag_writer import BagWriter, complete_bag
 from .mcap_file import Damage, McapFile
 from .survey import missing_numbers
 
@@ -53,18 +53,13 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     bag = BagReader(path)
     if not any(file.channels for file in bag.files):
         raise BagError(f'{path} holds no intact message; copy it again from the recorder')
-    described = read_information(source)
-    last_numbers: Counter[str] = Counter()
     with complete_bag(output, overwrite=overwrite) as copy:
-        copy.origin = {key: described[key] for key in ('custom_data', 'ros_distro') if described.get(key)}
-        saved = [_copied(file, copy, last_numbers) for file in bag.files]
-    named = [source / Path(name).name for name in described.get('relative_file_paths', ())]
-    unread = {file: f'{file} is named in {METADATA} and does not exist' for file in named if not file.exists()}
-    return saved + [SavedFile(str(file), unread=why) for file, why in (unread | bag.unread).items()]
+        saved = [_copied(file, copy) for file in bag.files]
+    return saved + [SavedFile(str(file), unread=why) for file, why in bag.unread.items()]
 
 
-def _copied(file: McapFile, copy: BagWriter, last_numbers: Counter[str]) -> SavedFile:
-    """Append the messages of one file to the copy; ``last_numbers`` are the last message numbers by topic."""
+def _copied(file: McapFile, copy: BagWriter) -> SavedFile:
+    """Append the messages of one file to the copy."""
     to = {
         number: copy.add_channel(file.schemas[channel.schema_id], channel)
         for number, channel in sorted(file.channels.items())
@@ -78,10 +73,11 @@ def _copied(file: McapFile, copy: BagWriter, last_numbers: Counter[str]) -> Save
                     to[message.channel_id], message.data, message.log_time, message.publish_time, message.sequence
                 )
                 numbers[file.channels[message.channel_id].topic].append(message.sequence)
-    missing = Counter[str]()
-    for name, (_, counted) in file.topics.items():
-        found = np.array(numbers[name], np.int64)
-        missing[name] = max(missing_numbers(found, last_numbers[name]), counted - len(found))
-        last_numbers[name] = int(found.max(initial=last_numbers[name]))
     saved = Counter({name: len(found) for name, found in numbers.items()})
+    missing = Counter(
+        {
+            name: max(missing_numbers(np.array(numbers[name], np.int64)), counted - saved[name])
+            for name, (_, counted) in file.topics.items()
+        }
+    )
     return SavedFile(str(file.path), file.closed, dict(+saved), dict(+missing), file.damages)

@@ -14,9 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-import yaml
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -76,9 +74,6 @@ class BagWriter:
         reserve: free disk space that is left to other programs [bytes].
         folder: the folder to write to; None: ``path``.
 
-    Attributes:
-        origin: entries of metadata.yaml that are copied from another bag, such as ``custom_data``.
-
     Raises:
         BagError: the folder exists.
         RefusedError: the free space is below the reserve, or writing fails. Every later call raises it again, and the
@@ -87,7 +82,6 @@ class BagWriter:
 
     def __init__(self, path: Path, *, reserve: int = 0, folder: Path | None = None) -> None:
         self.path = Path(path)
-        self.origin: dict[str, Any] = {}
         self._folder, self._reserve = folder or self.path, reserve
         self.file = self._folder / f'{self.path.absolute().name}_0.mcap'
         self._lock, self._describing = threading.RLock(), threading.Lock()
@@ -256,7 +250,6 @@ class BagWriter:
             'files': [{'path': self.file.name, **span}],
             'custom_data': None,
             'ros_distro': 'jazzy',
-            **self.origin,
         }
 
     def _describe(self) -> None:
@@ -357,14 +350,6 @@ def offered_profiles(text: str) -> list[Qos]:
     with suppress(Exception):  # the parser raises many types
         return parse_qos(text)
     return []
-
-
-def read_information(folder: Path) -> dict[str, Any]:
-    """Return the content of a folder's metadata.yaml; empty if it is missing or damaged."""
-    with suppress(OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, LookupError):
-        content = yaml.safe_load((folder / METADATA).read_text(encoding='utf-8'))
-        return dict(content['rosbag2_bagfile_information'])
-    return {}
 
 
 def sync_folder(folder: Path) -> None:

@@ -110,15 +110,10 @@ def regularity(times_ns: Indices) -> dict[str, Any]:
     }
 
 
-def missing_numbers(numbers: Indices, before: int = 0) -> int:
-    """Return the number of missing sequence numbers of a recorder after ``before``.
-
-    Recorders without sequence numbers write zeros.
-    """
-    known = np.sort(numbers[numbers > before])
-    first = int(known[0]) - before - 1 if before and known.size else 0
-    steps = np.diff(known)
-    return first + int((steps[steps > 1] - 1).sum())
+def missing_numbers(numbers: Indices) -> int:
+    """Return the number of missing sequence numbers of a recorder; recorders without them write zeros."""
+    steps = np.diff(np.sort(numbers[numbers > 0]))
+    return int((steps[steps > 1] - 1).sum())
 
 
 def survey_table(reader: TableReader) -> dict[str, Any]:

@@ -64,9 +64,8 @@ def test_a_damaged_chunk_loses_only_its_own_messages(tmp_path, place, closed, at
 
 
 def test_repairing_an_intact_bag_copies_it(tmp_path):
-    path, origin = tmp_path / 'bag', {'custom_data': {'operator': 'Ada'}, 'ros_distro': 'kilted'}
+    path = tmp_path / 'bag'
     with BagWriter(path) as bag:
-        bag.origin = origin
         latched = bag.add_topic('/latched', 'std_msgs/msg/Float64', LATCHED)
         for k in range(5):
             bag.write(latched, FLOAT + bytes([k] * 8), START + 500 * k, START + 7, sequence=k + 1)
@@ -80,14 +79,11 @@ def test_repairing_an_intact_bag_copies_it(tmp_path):
     assert by_mcap(tmp_path / 'copy') == by_mcap(path) == by_rosbags(tmp_path / 'copy')
 
 
-@pytest.mark.parametrize('size', [0, 20, None], ids=['empty', 'truncated', 'missing'])
+@pytest.mark.parametrize('size', [0, 20], ids=['empty', 'truncated'])
 def test_a_lost_file_of_a_split_bag_is_reported(tmp_path, capsys, size):
     with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/other', 'std_msgs/msg/Float64')
-    metadata, (file,) = tmp_path / 'bag' / 'metadata.yaml', (tmp_path / 'bag').glob('*.mcap')
-    metadata.write_text(metadata.read_text().replace('- bag_0.mcap', '- bag_0.mcap\n  - bag_1.mcap.zstd'))
-    if size is not None:
-        (tmp_path / 'bag' / 'bag_1.mcap.zstd').write_bytes(b'\x28\xb5\x2f\xfd' + bytes(size) if size else b'')
+    (tmp_path / 'bag' / 'bag_1.mcap.zstd').write_bytes(b'\x28\xb5\x2f\xfd' + bytes(size) if size else b'')
     assert main(['repair', str(tmp_path / 'bag'), '--json', '--output', str(tmp_path / 'copy')]) == 0
     report = json.loads(capsys.readouterr().out)
     assert not report['intact']
@@ -96,7 +92,6 @@ def test_a_lost_file_of_a_split_bag_is_reported(tmp_path, capsys, size):
     text = capsys.readouterr().out
     assert 'bag_1.mcap.zstd' in text
     assert 'nothing was missing' not in text
-    assert file.exists()
 
 
 @pytest.mark.parametrize(
