@@ -29,7 +29,7 @@ from pendubot_identification.trajectories.conventions import JOINT_NAMES
 
 from .messages import joint_sample
 from .runtime import JOINTS, SettingsNode, run
-from .topics import as_recorded, message_class
+from .topics import message_class, weakest
 
 SECOND = 1_000_000_000
 DEPTH = 1000  #: Number of messages kept for slow subscribers and for retransmission.
@@ -80,8 +80,8 @@ class Player(SettingsNode):
 
     PROGRAM = 'player'
     SUMMARY = (
-        "Publishes a bag's messages byte for byte, with the recorded quality of service and timing, then ends. In a "
-        'namespace, the topics are within it. Effort commands (std_msgs/Float64) would move an armed rig: they are '
+        "Publishes a bag's messages byte for byte, with the recorded reliability, durability and timing, then ends. In "
+        'a namespace, the topics are within it. Effort commands (std_msgs/Float64) would move an armed rig: they are '
         'played only if topics contains them. ros2 bag play has more options.'
     )
     SETTINGS = (
@@ -152,10 +152,10 @@ class Player(SettingsNode):
         return name if name in SHARED or name.startswith(f'{namespace}/') else namespace + name
 
     def _qos(self, name: str) -> QoSProfile:
-        """Return the quality of service of a topic of the bag."""
+        """Return the weakest recorded quality of service of a topic."""
         channels = (c for file in self._reader.files for c in file.channels.values() if c.topic == name)
         texts = (channel.metadata.get('offered_qos_profiles', '') for channel in channels)
-        return as_recorded([profile for text in texts for profile in offered_profiles(text)], DEPTH)
+        return weakest([profile for text in texts for profile in offered_profiles(text)], DEPTH)
 
     def _play(self) -> None:
         try:

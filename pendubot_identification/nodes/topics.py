@@ -4,14 +4,14 @@
 """Topics of any type: names, message classes, quality of service, and batches of messages as bytes."""
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
@@ -19,7 +19,6 @@ from pendubot_identification.errors import BagError
 
 BATCH = 500  #: Largest number of messages of one topic that are fetched in a row.
 DEPTH = 10_000  #: Queue length of a topic: ten seconds at 1 kHz.
-SECOND, UNLIMITED = 10**9, 2**63 - 1  #: [ns]
 
 
 def message_class(topic: str, type_name: str) -> Any:
@@ -48,7 +47,7 @@ def recorded(profile: QoSProfile) -> Qos:
     """Return an offered quality of service in the representation of a bag."""
 
     def time_of(duration: Duration) -> QosTime:
-        return QosTime(*divmod(duration.nanoseconds, SECOND))
+        return QosTime(*divmod(duration.nanoseconds, 10**9))
 
     return Qos(
         QosHistory[profile.history.name],
@@ -68,22 +67,6 @@ def weakest(profiles: Sequence[Qos], depth: int) -> QoSProfile:
     reliable = all(p.reliability is not QosReliability.BEST_EFFORT for p in profiles)
     latched = bool(profiles) and all(p.durability is QosDurability.TRANSIENT_LOCAL for p in profiles)
     return quality(depth, reliable, latched)
-
-
-def as_recorded(profiles: Sequence[Qos], depth: int) -> QoSProfile:
-    """Return the weakest quality of service in a bag, with the longest recorded times and the recorded liveliness."""
-    qos = weakest(profiles, depth)
-
-    def longest(times: Iterable[QosTime]) -> Duration:
-        # Zero means no limit.
-        return Duration(nanoseconds=max((t.sec * SECOND + t.nsec or UNLIMITED for t in times), default=0))
-
-    qos.deadline = longest(p.deadline for p in profiles)
-    qos.lifespan = longest(p.lifespan for p in profiles)
-    qos.liveliness_lease_duration = longest(p.liveliness_lease_duration for p in profiles)
-    if profiles and all(p.liveliness is QosLiveliness.MANUAL_BY_TOPIC for p in profiles):
-        qos.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
-    return qos
 
 
 class Fetched(ReentrantCallbackGroup):
