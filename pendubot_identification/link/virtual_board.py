@@ -17,20 +17,7 @@ from pendubot_identification.model.simulation import HANGING, Plant
 
 from .clock import WRAP
 from .limits import LimitMonitor
-from .protocol import (
-    Arm,
-    Command,
-    Damaged,
-    Decoder,
-    Hello,
-    HelloRequest,
-    Limits,
-    Message,
-    Mode,
-    State,
-    Status,
-    encode,
-)
+from .protocol import Arm, Command, Damaged, Decoder, Hello, HelloRequest, Limits, Message, Mode, State, Status, encode
 
 #: A motor with 0.1 N m/A on a 24 V supply: reported only, not part of the simulation.
 _MILLIAMPERE_PER_MICRO_NM = 0.01
@@ -83,9 +70,6 @@ class Faults:
     """
 
     bit_flip: float = 0.0  #: Probability of a flipped bit in a frame to the host.
-    drop_byte: float = 0.0  #: Probability of a dropped byte in a frame to the host.
-    double_byte: float = 0.0  #: Probability of a doubled byte in a frame to the host.
-    lose_frame: float = 0.0
     duplicate_frame: float = 0.0
     glitch: float = 0.0  #: Probability of a shoulder sample that is half a turn off.
     reset_at: float = math.inf  #: Time of a restart of the board.
@@ -337,11 +321,4 @@ class VirtualBoard:
         if self._chance(faults.bit_flip):
             bit = int(self._rng.integers(8 * len(data)))
             data[bit // 8] ^= 1 << bit % 8
-        if self._chance(faults.drop_byte):
-            del data[int(self._rng.integers(len(data)))]
-        if self._chance(faults.double_byte):
-            position = int(self._rng.integers(len(data)))
-            data.insert(position, data[position])
-        if self._chance(faults.lose_frame):
-            return b''
         return bytes(data) * (2 if self._chance(faults.duplicate_frame) else 1)

@@ -62,7 +62,7 @@ def test_a_payload_is_added_and_removed_without_changing_the_position():
 
 
 def test_the_seed_determines_the_bytes():
-    faults = Faults(bit_flip=0.2, drop_byte=0.2, double_byte=0.2, lose_frame=0.1, duplicate_frame=0.1, glitch=0.1)
+    faults = Faults(bit_flip=0.2, duplicate_frame=0.1, glitch=0.1)
 
     def stream(seed):
         board = VirtualBoard(Plant(PAPER), faults=faults, seed=seed)
