@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import pty
 import select
@@ -21,9 +20,6 @@ from pendubot_identification.files import writing
 
 from .serial_port import FrameWriter
 from .virtual_board import VirtualBoard
-
-#: Option of Linux's prctl: largest delay of this thread's timers [ns].
-PR_SET_TIMERSLACK = 29
 
 #: A patient rig stops its time after a longer delay of this process, or of the host of an armed board [ns].
 PAUSE = 50_000_000
@@ -93,7 +89,6 @@ class PtyServer:
 
         Samples are due at multiples of the period from the start, so that delays do not accumulate.
         """
-        _wake_in_time()
         period = self._board.settings.sample_period_us * 1000
         start = due = time.monotonic_ns()
         while not stopped() and due - start < duration * 1e9:
@@ -122,12 +117,6 @@ class PtyServer:
 
     def _plug(self) -> None:
         self._master, slave = pty.openpty()
-        if os.ttyname(slave) == self._slave_path:
-            # The system returned the same path; a reconnected device has another path, so take the next.
-            former = self._master, slave
-            self._master, slave = pty.openpty()
-            for descriptor in former:
-                os.close(descriptor)
         tty.setraw(slave)
         self._slave_path = os.ttyname(slave)
         # Closed here, so that the kernel reports a connected host, and buffers nothing without a host.
@@ -173,12 +162,6 @@ class PtyServer:
         if self._trace is not None and s is not None:
             with writing(self._trace.name):
                 self._trace.write(f'{s.t_us},{s.enc1},{s.enc2},{s.torque},{s.status}\n')
-
-
-def _wake_in_time() -> None:
-    """Request exact timers from the system, like a board's; by default they are up to 50 us late."""
-    with contextlib.suppress(OSError, AttributeError):  # not on Linux
-        ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
 
 
 def _create(trace: Path) -> TextIO:
