@@ -9,11 +9,11 @@ All values are plain YAML and JSON, so that file, ``--json``, report, messages a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,60 +30,6 @@ SCHEMA = 1
 #: The parameters of every result file; the name of such a file in messages.
 REQUIRED = NAMES[: MODELS['viscous']]
 EXPECTED = 'name a file that pendubot identify wrote'
-
-
-def _read_by(read: Callable[[Any], Any]) -> Any:
-    """Return the type of entries that a function validates, for pydantic 1 (of Ubuntu 24.04) and 2."""
-
-    class Entry:
-        @classmethod
-        def __get_validators__(cls) -> Iterator[Callable[[Any], Any]]:
-            yield read
-
-        @classmethod
-        def __get_pydantic_core_schema__(cls, _: object, handler: Any) -> Any:
-            from pydantic import PlainValidator
-
-            return PlainValidator(read).__get_pydantic_core_schema__(Any, handler)
-
-    return Entry
-
-
-def _number(value: Any) -> float | None:
-    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
-        with suppress(ValueError, OverflowError):
-            return known(float(value))  # YAML reads 4e-4 as a text
-    raise ValueError('a number is expected')
-
-
-def _finite(value: Any) -> float:
-    if (number := _number(value)) is None:
-        raise ValueError('a number is expected')
-    return number
-
-
-def _size(value: Any) -> float | None:
-    if (number := _number(value)) is not None and number < 0:
-        raise ValueError('a number of at least 0 is expected')
-    return number
-
-
-def _level(value: Any) -> Level:
-    if not isinstance(value, str) or value not in Level.__members__:
-        raise ValueError(f'one of {", ".join(Level.__members__)} is expected')
-    return Level[value]
-
-
-if TYPE_CHECKING:
-    Finite = float
-    Number = float | None
-    Size = float | None
-    LevelByName = Level
-else:
-    Finite = _read_by(_finite)
-    Number = _read_by(_number) | None  #: None if unknown.
-    Size = _read_by(_size) | None  #: the same, of at least 0.
-    LevelByName = _read_by(_level)
 
 
 def known(value: Any) -> Any:
@@ -110,10 +56,10 @@ def plain(result: PartialResult) -> dict[str, Any]:
 class Parameter:
     """An estimated parameter."""
 
-    value: Finite
-    std_error: Size = None
-    degrees_of_freedom: Number = None  #: of the standard error; None for a normal distribution.
-    interval: tuple[Number, Number] = (None, None)  #: 95 % confidence interval.
+    value: float
+    std_error: float | None = None
+    degrees_of_freedom: float | None = None  #: of the standard error; None for a normal distribution.
+    interval: tuple[float | None, float | None] = (None, None)  #: 95 % confidence interval.
     unit: str = ''
     on_bound: bool | None = None  #: whether the value lies on a bound of its search interval.
     determined: bool | None = None  #: whether the motion determines the parameter; None if it was fixed.
@@ -133,8 +79,8 @@ class DataFault:
     name: str
     found: str
     remedy: str
-    unexplained: Number
-    corrected: Number
+    unexplained: float | None
+    corrected: float | None
     options: list[str]
 
 
@@ -144,11 +90,11 @@ class ReportedEffect:
 
     name: str
     where: str
-    sizes: list[Number]
-    gain: Number
-    z: Number
+    sizes: list[float | None]
+    gain: float | None
+    z: float | None
     accepted: bool
-    moved: list[Number]
+    moved: list[float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,9 +102,9 @@ class EffortTiming:
     """Hold and delay [s] of the effort; ``linear_lag`` is the delay for linear interpolation between samples."""
 
     hold: str = 'zero'
-    delay: Finite = 0.0
-    delay_std_error: Number = None
-    linear_lag: Finite = 0.0
+    delay: float = 0.0
+    delay_std_error: float | None = None
+    linear_lag: float = 0.0
     unit: str = 's'
 
 
@@ -167,10 +113,10 @@ class ZeroError:
     """The errors of a recording's zeros: recorded minus true angles."""
 
     recording: str
-    q1: Number
-    q1_std_error: Number
-    q2: Number
-    q2_std_error: Number
+    q1: float | None
+    q1_std_error: float | None
+    q2: float | None
+    q2_std_error: float | None
     unit: str = 'degree'
 
 
@@ -179,13 +125,13 @@ class CriterionValue:
     """Value J of a criterion for the estimate and for each run of MDE, and its exact minimum if known."""
 
     unit: str
-    training: Number
-    training_runs: list[Number]
-    least_squares: Number
+    training: float | None
+    training_runs: list[float | None]
+    least_squares: float | None
     runs_at_least_squares: int | None
     residuals: int
-    validation: Number
-    validation_runs: list[Number]
+    validation: float | None
+    validation_runs: list[float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,10 +139,10 @@ class Predicted:
     """Simulation errors in standard deviations, and the fit of each state in per cent, by horizon [s]."""
 
     method: str = ''  #: validation method.
-    horizons: list[Finite]
-    error: list[Number]
-    persistence: list[Number]
-    fit: dict[str, list[Number]]
+    horizons: list[float]
+    error: list[float | None]
+    persistence: list[float | None]
+    fit: dict[str, list[float | None]]
     starts: list[int]
 
 
@@ -204,7 +150,7 @@ class Predicted:
 class Uncorrected:
     """The result of the same recordings before the first correction was applied."""
 
-    level: LevelByName
+    level: Level
     faults: list[DataFault]
     parameters: dict[str, Parameter]
     prediction: Predicted
@@ -214,9 +160,9 @@ class Uncorrected:
 class LinkLength:
     """Length of link 1: P3 / P5 by the elbow's equation of motion, and the measured value."""
 
-    value: Number
-    std_error: Number
-    expected: Number
+    value: float | None
+    std_error: float | None
+    expected: float | None
     unit: str = 'm'
 
 
@@ -228,7 +174,7 @@ class Search:
     population: int
     generations: int
     per_component: bool
-    spread: Number
+    spread: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,21 +182,21 @@ class CriterionAnswer:
     """The estimate by one criterion, see :class:`.estimate.Estimate`."""
 
     parameters: dict[str, Parameter]
-    level: LevelByName
+    level: Level
     warnings: list[str]
     consequences: list[str]
     effort: EffortTiming
     J: CriterionValue
     prediction: Predicted
-    condition_number: Number
-    unexplained: Number
+    condition_number: float | None
+    unexplained: float | None
     zeros: list[ZeroError]
     exact: bool
     converged: bool
     steps: list[str]
     mde: Search | None
     uncertainty: str
-    correlation: list[list[Number]]
+    correlation: list[list[float | None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,16 +213,16 @@ class Provenance(Software):
     criteria: list[str]
     model: str
     optimizer: str
-    sliding_window: Number
-    smoothing: Number
+    sliding_window: float | None
+    smoothing: float | None
     hold: str
-    delays: list[Finite]
-    start: list[Finite] | None
-    link_length: Number
-    link_mass: Number = None
+    delays: list[float]
+    start: list[float] | None
+    link_length: float | None
+    link_mass: float | None = None
     seed: int
-    lower_bounds: list[Finite]
-    upper_bounds: list[Finite]
+    lower_bounds: list[float]
+    upper_bounds: list[float]
     applied: list[str]  #: conversion options that the program applied as corrections.
 
 
@@ -290,7 +236,7 @@ class PartialResult:
     """Parameters, and further entries for other programs; a file written by hand has parameters alone."""
 
     parameters: dict[str, Parameter]  #: in the order of theta; zero parameters may be absent.
-    level: LevelByName | None = None  #: None if the parameters were not assessed.
+    level: Level | None = None  #: None if the parameters were not assessed.
     not_covered: dict[str, str] = field(default_factory=dict)  #: reason by parameter that the level does not cover.
     warnings: list[str] = field(default_factory=list)
     criterion: str | None = None
@@ -314,7 +260,7 @@ class PartialResult:
 class Result(PartialResult):
     """The result of an identification; ``field()`` requires entries that may be absent from a partial result."""
 
-    level: LevelByName = field()
+    level: Level = field()
     warnings: list[str] = field()
     criterion: str = field()
     model: str = field()
@@ -324,17 +270,17 @@ class Result(PartialResult):
     consequences: list[str]  #: further findings that follow from a severe fault.
     faults: list[DataFault]
     uncorrected: Uncorrected | None  #: the result before ``made_by.applied``; None if nothing was applied.
-    unmodelled: list[Number] | None  #: unexplained fraction of the innovation variance of shoulder and elbow.
+    unmodelled: list[float | None] | None  #: unexplained fraction of the innovation variance of shoulder and elbow.
     advice: list[str]
     not_in_model: list[str]  #: parameters without influence on this rig, and the reason.
     zeros: list[ZeroError]
-    smoothing: Finite
+    smoothing: float
     J: CriterionValue
     prediction: Predicted
     link_length: LinkLength
-    condition_number: Number
+    condition_number: float | None
     criteria: dict[str, CriterionAnswer]
-    covariance: list[list[Number]]
+    covariance: list[list[float | None]]
     covariance_rank: int  #: below the number of parameters if it comes from few recordings.
     reading: dict[str, str]  #: conversion options of the recordings, see :class:`.conversion.Conversion`.
 
@@ -344,14 +290,14 @@ class Tracked:
     """The history of tracked parameters."""
 
     bags: list[str]
-    until: Finite  #: the last time [s].
+    until: float  #: the last time [s].
     notes: dict[str, int]  #: number of occurrences by remark.
     windows: list[str]  #: informative windows, BAG@START:END.
     events: list[dict[str, Any]]  #: changes, disturbances and losses, each with its kind, times [s] and text.
-    t: list[Finite]  #: times of the following histories [s].
-    unexplained: list[Number]  #: unexplained torque [N m].
-    values: dict[str, list[Finite]]
-    std_errors: dict[str, list[Number]]
+    t: list[float]  #: times of the following histories [s].
+    unexplained: list[float | None]  #: unexplained torque [N m].
+    values: dict[str, list[float]]
+    std_errors: dict[str, list[float | None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -400,6 +346,7 @@ def structured(kind: type[T], data: Any, file: object) -> T:
     """Return the content of a file as a result; unknown entries are ignored. May raise ResultError."""
     import pydantic
 
+    data = _with_levels(known(data))
     try:
         if hasattr(pydantic, 'TypeAdapter'):
             return pydantic.TypeAdapter(kind).validate_python(data)
@@ -411,7 +358,7 @@ def structured(kind: type[T], data: Any, file: object) -> T:
         raise ResultError(f'{file} has no entry {entry}; {EXPECTED}, unchanged')
     value = problem.get('input', {})  # missing in pydantic 1
     found = '' if isinstance(value, dict) else f' is {value!r}'
-    raise ResultError(f'{file}: {entry}{found}; {problem["msg"].removeprefix("Value error, ")}; {EXPECTED}, unchanged')
+    raise ResultError(f'{file}: {entry}{found}; {problem["msg"]}; {EXPECTED}, unchanged')
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -428,3 +375,11 @@ def _read(path: Path) -> dict[str, Any]:
             f'{", ".join(REQUIRED)} and, if they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
         )
     return {**data, 'parameters': {name: entries[name] for name in NAMES if name in entries}}
+
+
+def _with_levels(data: Any) -> Any:
+    """Return the content of a file with levels in the place of their names."""
+    if not isinstance(data, dict):
+        return data
+    levels = {'level': Level[data['level']]} if str(data.get('level')) in Level.__members__ else {}
+    return {key: _with_levels(value) for key, value in data.items()} | levels
