@@ -14,8 +14,7 @@ import hashlib
 import html
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from inspect import cleandoc
@@ -46,12 +45,11 @@ from .recordings.table_reader import TableReader
 from .recordings.tables import Table
 from .results import comparison
 from .results.checks import Finding, check_recordings
-from .results.options import RENAMED, as_arguments
 from .results.provenance import IN_MEMORY, command
 from .results.provenance import recordings as read_recordings
 from .results.result import Parameter, PartialResult, Result, read_complete_result, read_result, result_text
 from .setting import Setting
-from .trajectories.conventions import CONVERSION
+from .trajectories.conventions import CONVERSION, JOINTS
 from .trajectories.conversion import Conversion
 from .trajectories.trajectory import Trajectory
 
@@ -75,21 +73,11 @@ ARRAYS = ('t', 'q', 'tau', 'qd')
 UPRIGHT = (math.pi / 2, 0.0)
 
 
-@contextmanager
-def _arguments_in_messages() -> Iterator[None]:
-    """Replace the options of the command line by the names of Python arguments in messages."""
-    try:
-        yield
-    except PendubotError as error:
-        error.args = (as_arguments(str(error)),)
-        raise
-
-
 def _describing(*settings: Setting) -> Callable[[F], F]:
     """Add the help texts of options, as in ``--help``, to the docstring of a function with arguments of their names."""
 
     def describe(function: F) -> F:
-        lines = (f'    {RENAMED.get(each.name, each.name)}: {each.help()}.' for each in settings)
+        lines = (f'    {"joint_names" if each is JOINTS else each.name}: {each.help()}.' for each in settings)
         wrapped = (fill(line, 120, subsequent_indent=' ' * 8) for line in lines)
         function.__doc__ = '\n'.join([cleandoc(function.__doc__ or ''), '\nOther Parameters:', *wrapped])
         return function
@@ -97,7 +85,6 @@ def _describing(*settings: Setting) -> Callable[[F], F]:
     return describe
 
 
-@_arguments_in_messages()
 @_describing(*CONVERSION)
 def read(  # noqa: D417
     source: File | DataFrame,
@@ -140,11 +127,10 @@ def read(  # noqa: D417
         _require_known([source])
         recorded = _in_memory(source, conversion)
     if recorded.note:
-        warnings.warn(as_arguments(recorded.note), stacklevel=3)
+        warnings.warn(recorded.note, stacklevel=2)
     return recorded.trajectory
 
 
-@_arguments_in_messages()
 @_describing(*OPTIONS, APPLY_REMEDIES, *CONVERSION)
 def identify(  # noqa: D417
     *recordings: Trajectory | File | DataFrame,
@@ -235,8 +221,6 @@ def identify(  # noqa: D417
 def describe(source: File, **options: object) -> Inspection:
     """Inspect a recording with the options of :func:`read`: columns or topics, samples, or why it is unreadable.
 
-    Messages name the options of the command line.
-
     Raises:
         PendubotError: an option is invalid.
     """
@@ -247,8 +231,6 @@ def describe(source: File, **options: object) -> Inspection:
 
 def check(*recordings: File, validate: Sequence[File] = (), **options: object) -> list[Finding]:
     """Check recordings with the options of :func:`identify`, without a fit, and return the findings.
-
-    Messages name the options of the command line.
 
     Raises:
         PendubotError: an option is invalid.
@@ -433,7 +415,6 @@ def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:
     return frame
 
 
-@_arguments_in_messages()
 def _export(  # noqa: D417
     self: Pendubot | Identified,
     path: File,
@@ -482,7 +463,6 @@ class Pendubot(Parameters):
             raise ParameterError(f'no rig can have these parameters: {"; ".join(problems)}; correct them')
 
     @classmethod
-    @_arguments_in_messages()
     def load(cls, path: File) -> Pendubot:
         """Return the rig of a result file, or of a file with parameters written by hand.
 
@@ -539,7 +519,6 @@ class Identified:
     export = _export
 
     @classmethod
-    @_arguments_in_messages()
     def load(cls, path: File) -> Identified:
         """Return the result of a file.
 
@@ -586,7 +565,7 @@ class Identified:
     @property
     def warnings(self) -> list[str]:
         """The warnings, a sentence each."""
-        return [as_arguments(warning) for warning in self.result.warnings]
+        return self.result.warnings
 
     @property
     def command(self) -> str:
@@ -604,7 +583,6 @@ class Identified:
         columns = {'value': self.theta, 'std_error': self.std_error, 'low': low, 'high': high}
         return _frame({**columns, 'unit': units, 'meaning': meaning}, self.names)
 
-    @_arguments_in_messages()
     def save(self, path: File, *, overwrite: bool = False) -> None:
         """Write the result file.
 
@@ -613,7 +591,6 @@ class Identified:
         """
         write_atomically(Path(path), result_text(self.result), overwrite=overwrite)
 
-    @_arguments_in_messages()
     def report(self, folder: File, *, overwrite: bool = False, figures: bool = False) -> Path:
         """Write the report, a page with figures, and the result file; return the path of the page.
 
@@ -637,7 +614,6 @@ class Identified:
         with OutputFolder(Path(folder), overwrite=overwrite) as output:
             return write_report(output, self.result, motions, notes=notes, static=figures)
 
-    @_arguments_in_messages()
     def plot(self, what: Plot = 'simulation', axes: Axes | Sequence[Axes] | None = None) -> list[Axes]:
         """Draw a figure of the report with matplotlib, and return its axes.
 
@@ -675,12 +651,12 @@ class Identified:
     def __str__(self) -> str:
         from .report.tables import summary
 
-        return as_arguments(summary(self.result))
+        return summary(self.result)
 
     def _repr_html_(self) -> str:
         """Return level, parameters with their intervals, and prediction errors for a notebook."""
         from .report.tables import parameter_table, prediction_table, verdict
 
-        sentences = [as_arguments(sentence) for sentence in self.warnings or [verdict(self.result)]]
+        sentences = self.warnings or [verdict(self.result)]
         paragraphs = ''.join(f'<p>{self.level.name}: {html.escape(sentence)}</p>' for sentence in sentences)
         return f'{paragraphs}{parameter_table(self.result).html()}{prediction_table(self.result).html()}'

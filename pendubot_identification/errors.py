@@ -11,11 +11,10 @@ class PendubotError(Exception):
     """Base class of every error that a user can cause; its text is one sentence for that user."""
 
     remedy: dict[str, str]  #: known data options that correct the error, by name.
-    for_shell: str  #: the sentence with command-line options; the text itself may name arguments of Python.
 
     def __init__(self, text: str = '', **remedy: str) -> None:
         super().__init__(text)
-        self.remedy, self.for_shell = remedy, text
+        self.remedy = remedy
 
 
 class ParameterError(PendubotError):
@@ -90,15 +89,14 @@ def noting(remarks: Iterable[str]) -> Iterator[None]:
     try:
         yield
     except PendubotError as error:
-        error.for_shell = '; '.join([str(error), *remarks])
-        error.args = (error.for_shell,)
+        error.args = ('; '.join([str(error), *remarks]),)
         raise
 
 
 def sentence(error: Exception) -> str:
     """Return the message of an error for the user."""
     if isinstance(error, PendubotError):
-        return error.for_shell or str(error)
+        return str(error)
     if isinstance(error, OSError):
         return f'the system refused: {error}; correct that and try again'
     if isinstance(error, MemoryError):

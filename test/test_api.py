@@ -38,7 +38,6 @@ from pendubot_identification import (
 from pendubot_identification.formats.export import export
 from pendubot_identification.identification.options import OPTIONS
 from pendubot_identification.model.parameters import BALANCE
-from pendubot_identification.results.options import as_arguments
 from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS
 from test.conftest import ROOT
 
@@ -182,7 +181,7 @@ def test_masked_samples_are_missing():
     q = np.ma.array(motion.q)
     q[30, 1] = np.ma.masked
     for t in (motion.t, np.ma.array((1e9 * motion.t).astype('datetime64[ns]'))):
-        with pytest.raises(PendubotError, match=r'1 of \d+ samples .* at 0\.\d+ s; .* add skip_missing=True'):
+        with pytest.raises(PendubotError, match=r'1 of \d+ samples .* at 0\.\d+ s; .* add --skip-missing'):
             identify(t=t, q=q, tau=motion.tau, **FAST)
 
 
@@ -190,7 +189,7 @@ def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
     path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0, revolute=True)
     assert path.read_text() == export(found.result, 'urdf', 0.03, 1.0, revolute=True)[0]
     assert 'mujoco' in RIG.export(str(tmp_path / 'rig.xml')).read_text()
-    with pytest.raises(PendubotError, match=r'rig.urdf exists already .* add overwrite=True'):
+    with pytest.raises(PendubotError, match=r'rig.urdf exists already .* add --force'):
         found.export(path)
     with pytest.raises(PendubotError, match=r'rig.usd has no suffix that names a format; .urdf, '):
         RIG.export('rig.usd')
@@ -205,7 +204,7 @@ def test_corrections_are_applied_to_recordings_in_memory(found):
         identify(Trajectory(**arrays), apply_remedies=True, **FAST),
     ):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
-        assert any("applied corrections of the recordings: negate=['q2']" in warning for warning in again.warnings)
+        assert any('applied corrections of the recordings: --negate q2' in warning for warning in again.warnings)
 
 
 def test_a_result_of_arrays_is_reported_and_plotted_from_memory(tmp_path):
@@ -283,25 +282,6 @@ def test_checks_name_the_options_that_correct_a_recording(tmp_path):
     assert (fast.check, fast.level, fast.remedy) == ('limits', Level.ERROR, {'degrees': 'true'})
     with pytest.raises(PendubotError, match='there is no option'):
         check(file, nonsense=1)
-
-
-@pytest.mark.parametrize(
-    ('message', 'expected'),
-    [
-        ('leave them out: add --skip-missing', 'leave them out: add skip_missing=True'),
-        ('--zero hanging --negate q1,tau1: so', "zero='hanging' negate=['q1', 'tau1']: so"),
-        ("--columns 'q1=Angle 1,q2=b'; or", "columns={'q1': 'Angle 1', 'q2': 'b'}; or"),
-        ("--sheet 'Run 2' --skip-rows 3", "sheet='Run 2' skip_rows=3"),
-        ('--offset q1=5deg?', "offset={'q1': '5deg'}?"),
-        ('with --torque-constant K [N m]', 'with torque_constant=K [N m]'),
-        ('--delay 0:0.02, or', 'delay=[0.0, 0.02], or'),
-        ('--topic /a --joints a,b', "topic='/a' joint_names=['a', 'b']"),
-        ('(--joints): add --force', '(joint_names): add overwrite=True'),
-        ('pendubot excite --design', 'pendubot excite --design'),
-    ],
-)
-def test_messages_name_options_as_python_arguments(message, expected):
-    assert as_arguments(message) == expected
 
 
 SCRIPT = """

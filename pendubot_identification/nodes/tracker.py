@@ -18,7 +18,6 @@ from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import MODELS
 from pendubot_identification.recordings.joint_states import JointDecoder
 from pendubot_identification.recordings.mcap_file import Messages
-from pendubot_identification.results.options import as_arguments
 from pendubot_identification.results.track_file import effort_timing, parameters, start_of
 from pendubot_identification.setting import Setting
 from pendubot_identification.tracking import tracker as tracking
@@ -127,7 +126,7 @@ class Tracker(ManagedNode):
         try:
             stamps, values = self._decode(Messages.of(waiting))
         except BagError as error:
-            self._unreadable = as_arguments(str(error))
+            self._unreadable = str(error)
             self.get_logger().error(self._unreadable, throttle_duration_sec=10.0)
             return
         self._unreadable = ''

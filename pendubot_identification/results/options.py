@@ -3,13 +3,12 @@
 
 """Makes the settings of an identification from options by name, from the command line, Python or the node."""
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identification.options import APPLY_REMEDIES, OPTIONS, START
+from pendubot_identification.identification.options import OPTIONS, START
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
 from pendubot_identification.setting import interval
@@ -17,9 +16,6 @@ from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import Conversion
 
 from .result import read_result
-
-#: Options with another name in Python.
-RENAMED = {'joints': 'joint_names', 'force': 'overwrite=True'}
 
 
 def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Settings:
@@ -54,31 +50,3 @@ def bounds_of(given: Mapping[str, Any] | Sequence[str]) -> Bounds:
     for name, ends in named.items():
         bounds = bounds.replaced(name, *interval(name, ends, 'P1=0:0.5 or b2=0'))
     return bounds
-
-
-def as_arguments(text: str) -> str:
-    """Return a message with its options as Python arguments: ``--zero hanging`` becomes ``zero='hanging'``.
-
-    Options without such an argument, for example of other subcommands, stay as they are.
-    """
-    return re.sub(r"--([a-z]+(?:-[a-z]+)*)([ =](?:'[^']*'|\S*[^\s.,;:?)\]]))?", _argument, text)
-
-
-def _argument(found: re.Match[str]) -> str:
-    """Return an option, and the next word if it is the option's value, as a Python argument."""
-    name, after = found[1].replace('-', '_'), found[2] or ''
-    option = next((option for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION) if option.name == name), None)
-    name = RENAMED.get(name, name)
-    if option is None:
-        return name + after if found[1] in RENAMED else found[0]
-    if isinstance(option.default, bool):
-        return f'{name}=True{after}'
-    word = after[1:].strip("'")
-    if not word or option is START:
-        return name + after
-    try:
-        value = dict(pair.split('=', 1) for pair in word.split(',')) if '=' in word else option.parse(word)
-        option.check(value)
-    except (ParameterError, ValueError):
-        return f'{name}={word}' if word.isupper() else name + after  # a placeholder, or the next word
-    return f'{name}={list(value) if isinstance(value, tuple) else value!r}'
