@@ -387,7 +387,6 @@ def _reproduce(parser: Any) -> None:
       table7      J of ten identifications on the sample bag     table8      the parameters
       threshold   the sweep of the threshold, which the paper mentions
       operator    operator of MDE drawn per component or per vector
-      dimensions  beyond the paper: 2, 10 and 30 dimensions, equal budgets, rank-sum tests
 
     The same seed gives the same files, byte for byte; only times.md and times.csv differ, with measured times. An
     interrupt keeps the finished parts.

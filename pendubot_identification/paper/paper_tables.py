@@ -16,7 +16,7 @@ from pendubot_identification.model.parameters import NAMES, PAPER, UNITS
 from pendubot_identification.optimizers.mde import MDESettings
 
 from .competitors import FUNCTIONS
-from .trials import ALGORITHMS, BUDGET, IDENTIFICATION, PER_VECTOR, TARGET, Outcome, rank_sum, ranks
+from .trials import ALGORITHMS, IDENTIFICATION, PER_VECTOR, TARGET, Outcome, rank_sum, ranks
 
 Cell = str | int | float | None
 
@@ -278,50 +278,17 @@ def operator_table(outcomes: Sequence[Outcome]) -> Table:
     return Table('operator', 'The operator: drawn per component or per vector', columns, [note])
 
 
-def dimensions_tables(outcomes: Sequence[Outcome]) -> list[Table]:
-    """Return the comparison of the algorithms in 2, 10 and 30 dimensions with equal budgets, and their errors."""
-    mde = {(o.n, o.function): o for o in outcomes if o.algorithm == 'MDE'}
-    values = [o.result.value for o in outcomes]
-    errors: dict[str, list[Any]] = {'n': [o.n for o in outcomes]} | _named(outcomes)
-    for name, statistic in (('best', np.min), ('median', np.median), ('worst', np.max)):
-        errors[name] = [statistic(each) for each in values]
-    errors['reached'] = list(map(_fraction, outcomes))
-    errors['function values'] = [o.result.evaluations.mean() for o in outcomes]
-    errors |= _against([(mde[o.n, o.function], o) for o in outcomes])
-    verdicts: dict[tuple[int, str], list[str]] = {}
-    for o, verdict in zip(outcomes, errors['first'], strict=True):
-        if verdict is not None:
-            verdicts.setdefault((o.n, o.algorithm), []).append(verdict)
-    counts: dict[str, list[Any]] = {
-        'n': [n for n, _ in verdicts],
-        'MDE against': [other for _, other in verdicts],
-        'MDE first': [firsts.count('MDE') for firsts in verdicts.values()],
-        'the other first': [firsts.count(other) for (_, other), firsts in verdicts.items()],
-        'no difference': [firsts.count('no difference') for firsts in verdicts.values()],
-    }
-    note = (
-        f'Number of the {len(FUNCTIONS)} functions on which an algorithm is first. Each run has {BUDGET} n function '
-        f'evaluations, {len(outcomes[0].arrived)} runs; otherwise the settings of Table 3. {FIRST} A difference is '
-        f'significant at p < {ALPHA:g}: {sum(map(len, verdicts.values()))} tests may give one false difference.'
-    )
-    title = 'Beyond the paper: order of the algorithms in 2, 10 and 30 dimensions, with equal budgets'
-    return [
-        Table('dimensions', title, counts, [note]),
-        Table('dimensions_errors', 'Errors in 2, 10 and 30 dimensions', errors),
-    ]
-
-
 def _named(outcomes: Sequence[Outcome]) -> dict[str, list[Any]]:
     return {'function': [o.function for o in outcomes], 'algorithm': [o.algorithm for o in outcomes]}
 
 
 def _against(pairs: Sequence[tuple[Outcome, Outcome]]) -> dict[str, list[Any]]:
-    """Return the fraction of pairs of runs in which MDE is first, p, and the verdict; None for MDE itself."""
+    """Return the fraction of pairs of runs in which MDE is first, p, and the verdict."""
     cells: list[tuple[Cell, Cell, Cell]] = []
     for mde, other in pairs:
         p, ahead = rank_sum(*ranks([mde.result, other.result]))
         verdict = 'no difference' if not p < ALPHA else 'MDE' if ahead > 0.5 else other.algorithm
-        cells.append((None, None, None) if other is mde else (ahead, p, verdict))
+        cells.append((ahead, p, verdict))
     return {name: [row[k] for row in cells] for k, name in enumerate(('MDE first in pairs', 'p', 'first'))}
 
 

@@ -33,7 +33,6 @@ EXPERIMENTS = {
     'competition': ('table4', 'figure1'),
     'identification': ('table7', 'table8'),
     'sweep': ('threshold', 'operator'),
-    'dimensions': ('dimensions',),
 }
 PARTS = tuple(part for parts in EXPERIMENTS.values() for part in parts)
 SAMPLE = 'bags/paper_experiment'
@@ -138,11 +137,6 @@ class Reproduction:
         criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(MODELS['viscous'])
         outcomes, _ = self._run('sweep', trials.sweep(self._seed, self._runs, criterion, bounds))
         self._add_tables(paper_tables.threshold_table(outcomes), paper_tables.operator_table(outcomes))
-
-    def dimensions(self) -> None:
-        """Run all algorithms with equal budgets in 2, 10 and 30 dimensions."""
-        outcomes, _ = self._run('dimensions', trials.dimensions(self._seed, self._runs))
-        self._add_tables(*paper_tables.dimensions_tables(outcomes))
 
     def write_index(self, only: str, missing: Collection[str]) -> None:
         """Write index.md with all finished parts; ``only`` is the given option, ``missing`` are unfinished parts."""

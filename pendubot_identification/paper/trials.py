@@ -3,7 +3,6 @@
 
 """The experiments of the reproduction, their outcomes, and the comparison of runs."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -42,29 +41,17 @@ MOST_RUNS = MOST_VECTORS // (MANY * PARTICLES)
 #: Runs of the sweep per run of a table, and largest number of generations; runs that reach the target take 200.
 SWEEP, SWEEP_GENERATIONS = 5, 400
 THRESHOLDS = tuple(k / 10 for k in range(11))
-#: Numbers of variables in the comparison beyond the paper, and function evaluations of a run per variable: Pedersen's
-#: budget for the parameters of DE in Table 3. For n = 2 it is the budget of PSO in the paper.
-DIMENSIONS, BUDGET = (2, 10, 30), 2000
 #: Relative distance from the minimum of J at which J counts as minimised.
 NEAR = 1e-6
 IDENTIFICATION = 'Identification'
 
 
-def compete(
-    algorithm: str, function: BenchmarkFunction, n: int, *, runs: int, seed: int = 1, evaluations: int | None = None
-) -> OptimizationResult:
-    """Minimise a function of n variables with the settings of an algorithm in Table 3.
-
-    Each run ends with the generation in which it reaches the number of function ``evaluations``; by default, at the
-    limits of the paper.
-    """
+def compete(algorithm: str, function: BenchmarkFunction, n: int, *, runs: int, seed: int = 1) -> OptimizationResult:
+    """Minimise a function of n variables with the settings of an algorithm in Table 3."""
     f, bounds = function.value, function.bounds(n)
     if algorithm == 'PSO':
-        return pso(f, bounds, evaluations=evaluations or 4000, target=TARGET, runs=runs, seed=seed)
+        return pso(f, bounds, target=TARGET, runs=runs, seed=seed)
     settings = SETTINGS[algorithm]
-    if evaluations is not None:
-        each = settings.population + (algorithm == 'HDE')
-        settings = replace(settings, generations=max(1, math.ceil((evaluations - settings.population) / each)))
     if algorithm == 'HDE':
         return hde(f, function.gradient, bounds, settings, rate=HDE_RATE, runs=runs, seed=seed)
     return mde(f, bounds, settings, runs=runs, seed=seed)
@@ -93,16 +80,6 @@ def competition(seed: int, runs: int) -> Iterator[Outcome]:
             trial_seed = seed_of(seed, 'competition', f.name, algorithm)
             result = compete(algorithm, f, DIMENSION, runs=MANY * runs, seed=trial_seed)
             yield Outcome(f.name, DIMENSION, algorithm, None, result)
-
-
-def dimensions(seed: int, runs: int) -> Iterator[Outcome]:
-    """Run the same experiment in more dimensions, with equal budgets of function evaluations."""
-    for n in DIMENSIONS:
-        for f in FUNCTIONS:
-            for algorithm in (*ALGORITHMS, PER_VECTOR):
-                trial_seed = seed_of(seed, 'dimensions', n, f.name, algorithm)
-                result = compete(algorithm, f, n, runs=runs, seed=trial_seed, evaluations=BUDGET * n)
-                yield Outcome(f.name, n, algorithm, None, result)
 
 
 def sweep(seed: int, runs: int, identification: Quadratic, bounds: Bounds) -> Iterator[Outcome]:

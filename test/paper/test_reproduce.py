@@ -14,7 +14,6 @@ from pendubot_identification.cli.main import main
 from pendubot_identification.paper import trials
 
 TABLES = ('table4', 'table4_order', 'table4_pace', 'table7', 'table8', 'threshold', 'operator')
-TABLES += ('dimensions', 'dimensions_errors')
 #: Files of measured times, which differ between runs.
 TIMES = {'times.md', 'times.csv'}
 
@@ -24,12 +23,11 @@ def files(folder):
 
 
 def shorten(monkeypatch):
-    """Reduce runs, generations, thresholds and dimensions, so that every part takes seconds."""
+    """Reduce runs, generations and thresholds, so that every part takes seconds."""
     short = {name: replace(how, generations=60) for name, how in trials.SETTINGS.items()}
     for name, value in {'MANY': 2, 'SETTINGS': short, 'SWEEP': 2, 'SWEEP_GENERATIONS': 100}.items():
         monkeypatch.setattr(trials, name, value)
     monkeypatch.setattr(trials, 'THRESHOLDS', (0.3, 1.0))
-    monkeypatch.setattr(trials, 'DIMENSIONS', (2, 3))
 
 
 @pytest.fixture(scope='module')
