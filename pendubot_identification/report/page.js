@@ -130,21 +130,6 @@
     new ResizeObserver(fit).observe(box);
   }
 
-  const download = (name, href) => Object.assign(document.createElement('a'), { download: name, href }).click();
-
-  // Saves a figure, given by the data URL of its SVG, as SVG or as PNG of twice its size.
-  async function save(name, source, kind) {
-    if (kind === 'SVG') { download(`${name}.svg`, source); return; }
-    const image = Object.assign(new Image(), { src: source });
-    await image.decode();
-    const canvas = document.createElement('canvas'), ctx = canvas.getContext('2d');
-    Object.assign(canvas, { width: 2 * image.width, height: 2 * image.height });
-    ctx.fillStyle = '#fff';
-    ctx.fillRect(0, 0, canvas.width, canvas.height);
-    ctx.drawImage(image, 0, 0, canvas.width, canvas.height);
-    download(`${name}.png`, canvas.toDataURL('image/png'));
-  }
-
   // Returns the state after one classic Runge-Kutta step of h [s], as in rollout.py.
   function advance(p, x, t1, t2, h) {
     const rate = (y) => [y[2], y[3], ...acceleration(p, ...y, t1, t2)];
@@ -342,11 +327,6 @@
     pose = addPlayer(document.querySelector('.stage'), live, box.charts[0], refresh);
     addSliders(document.querySelector('.controls'), live, refresh);
     window.pendubot = { live, simulate };
-  }
-  for (const figure of document.querySelectorAll('figure[data-name]')) {
-    const tools = element('div', figure, '', { className: 'tools save' }), { name } = figure.dataset;
-    const { src } = figure.querySelector('img');
-    for (const kind of ['SVG', 'PNG']) button(tools, kind, `save ${name} as ${kind}`, () => save(name, src, kind));
   }
   for (const each of document.querySelectorAll('[data-copy]')) {
     each.addEventListener('click', async () => {

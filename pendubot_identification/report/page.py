@@ -55,7 +55,6 @@ def result_page(
     model = _rig(result, beside)
     files = {
         'parameters.csv': tables.numbers(result),
-        'parameters.tex': tables.parameter_table(result).latex(),
         **({'result.yaml': text} if text else {}),
     }
     return render(

@@ -65,20 +65,6 @@ class Table:
         notes = ''.join(f'<p class="note">{escape(note)}</p>' for note in self.notes)
         return Markup(f'<table><thead><tr>{head}</tr></thead>\n<tbody>{rows}</tbody></table>{notes}')
 
-    def latex(self) -> str:
-        """Return the table as a LaTeX tabular, its first column left-aligned, without the notes."""
-        head, *rows = (' & '.join(map(_latex, line)) + r' \\' for line in [self.head, *self.rows])
-        columns = 'l' + 'r' * (len(self.head) - 1)
-        return '\n'.join([rf'\begin{{tabular}}{{{columns}}}', head, r'\hline', *rows, r'\end{tabular}', ''])
-
-
-def _latex(text: str) -> str:
-    """Return a cell in LaTeX: names with their index, powers and signs as mathematics."""
-    text = re.sub(r'[%&#_]', lambda found: f'\\{found[0]}', text)
-    text = re.sub(r'^([PJbk]|F[cs])(\d)(?!\d)', lambda found: f'${found[1][0]}_{{{found[1][1:]}{found[2]}}}$', text)
-    text = re.sub(r'\^(-?\d)', r'$^{\1}$', text)
-    return re.sub(r'(?<![\w$^{])-(?=\d)', '$-$', text.replace('±', r'$\pm$'))
-
 
 def _cell(text: str) -> Markup:
     """Return the HTML of a cell; a browser may break a line after a hyphen, but not after a minus sign."""

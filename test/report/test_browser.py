@@ -7,7 +7,6 @@ import json
 import re
 from dataclasses import replace
 from itertools import pairwise
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -338,22 +337,6 @@ def test_the_simulation_starts_at_a_chosen_time(opened):
     assert len(page.evaluate(starts)) == 1
     page.locator('.player input').fill(str(first))
     assert page.evaluate(POSES)[1] is None, 'no simulation before the start'
-
-
-def test_plots_and_figures_are_saved_as_SVG_and_PNG(opened):
-    page = opened(accept_downloads=True)
-    assert page.locator('figure .save').count() == page.locator('figure').count() > 6
-    for name, panels in (('simulation', 6), ('whiteness_likelihood', 2)):
-        for kind in ('SVG', 'PNG'):
-            with page.expect_download() as download:
-                page.locator(f'figure[data-name={name}] .save').get_by_text(kind).click()
-            assert download.value.suggested_filename == f'{name}.{kind.lower()}'
-            content = download.value.path().read_bytes()
-            if kind == 'SVG':
-                assert len(re.findall(rb"<g id='axes_\d'", content)) == panels
-                assert ElementTree.fromstring(content).tag == '{http://www.w3.org/2000/svg}svg'
-            else:
-                assert content.startswith(b'\x89PNG')
 
 
 def test_the_table_is_saved_and_the_command_copied(opened):
