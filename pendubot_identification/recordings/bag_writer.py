@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -136,6 +137,14 @@ class BagWriter:
                 if replace(known, id=channel.id) == channel:
                     return number
             channel.id = self._mcap.register_channel(channel.topic, channel.message_encoding, schema_id, metadata)
+            # The library writes both into the next chunk alone. If that chunk is damaged in an unclosed file, this
+            # copy keeps the others readable.
+            self._hand_over()
+            records = RecordBuilder()
+            schema.write(records)
+            channel.write(records)
+            self._file.write(records.end())
+            self._hand_over()
             self._topics[channel.id] = schema, channel
         return channel.id
 
