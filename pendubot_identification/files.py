@@ -19,6 +19,9 @@ from typing import Any
 
 from pendubot_identification.errors import MissingFileError, ParameterError, PendubotError, ResultError
 
+#: The option that replaces existing files, as the last words of a message.
+OVERWRITE = 'overwrite it by --force (in Python overwrite=True, in ROS force:=true)'
+
 
 def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultError) -> Any:
     """Return the content of a YAML file.
@@ -72,8 +75,8 @@ def yaml_text(document: Any) -> str:
     return yaml.dump(document, Dumper=Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 
-def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Refuse an unwritable file before a long computation; ``force`` is the option to overwrite.
+def refuse_unwritable(path: Path, *, overwrite: bool = False) -> None:
+    """Refuse an unwritable file before a long computation.
 
     Raises:
         ResultError: the file exists already, or is a folder or device, or its folder is missing or read-only.
@@ -81,7 +84,7 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False, force: str = '--fo
     with writing(path):
         _require_regular(path)
         if not overwrite:
-            _refuse_existing(path, force)
+            _refuse_existing(path)
         with tempfile.TemporaryFile(dir=path.parent):
             pass
 
@@ -100,10 +103,10 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
                 raise ResultError(f'{output} is read, so it cannot be written as well; give another name')
 
 
-def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = False, force: str = '--force') -> None:
-    """Write a file completely or not at all; ``force`` is the option to overwrite. May raise ResultError."""
+def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
+    """Write a file completely or not at all. May raise ResultError."""
     if not overwrite:
-        _refuse_existing(path, force)
+        _refuse_existing(path)
     _write_together({path: content})
 
 
@@ -131,7 +134,7 @@ class OutputFolder:
                 self.__exit__()
                 raise
         if used and not overwrite:
-            raise ResultError(f'{path} exists already and is not empty; choose another name or add --force')
+            raise ResultError(f'{path} exists already and is not empty; choose another name or {OVERWRITE}')
 
     def __enter__(self) -> OutputFolder:
         return self
@@ -176,9 +179,9 @@ def _require_regular(path: Path) -> None:
         raise ResultError(f'{path} is no regular file; choose another name')
 
 
-def _refuse_existing(path: Path, force: str) -> None:
+def _refuse_existing(path: Path) -> None:
     if path.exists():
-        raise ResultError(f'{path} exists already and was left as it is; choose another name or add {force}')
+        raise ResultError(f'{path} exists already and was left as it is; choose another name or {OVERWRITE}')
 
 
 @contextmanager

@@ -189,7 +189,7 @@ def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
     path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0, revolute=True)
     assert path.read_text() == export(found.result, 'urdf', 0.03, 1.0, revolute=True)[0]
     assert 'mujoco' in RIG.export(str(tmp_path / 'rig.xml')).read_text()
-    with pytest.raises(PendubotError, match=r'rig.urdf exists already .* add --force'):
+    with pytest.raises(PendubotError, match=r'rig.urdf exists already .* overwrite=True'):
         found.export(path)
     with pytest.raises(PendubotError, match=r'rig.usd has no suffix that names a format; .urdf, '):
         RIG.export('rig.usd')

@@ -44,8 +44,6 @@ except ImportError:  # not built, as in a virtual environment
 ROBOT_DESCRIPTION = 'pendubot/robot_description'
 #: Interval of the feedback messages of one step [s].
 FEEDBACK_PERIOD = 0.1
-#: The parameter that lets an existing result file be overwritten.
-FORCE = 'force:=true'
 #: Changes of identification options as ROS parameters: the text of ``criterion`` may name several criteria.
 CHANGED: dict[str, dict[str, Any]] = {CRITERION.name: {'choices': ()}, DELAY.name: {'default': [*DELAYS], 'length': 2}}
 
@@ -183,13 +181,13 @@ class Identifier(ManagedNode):
         if output is not None:
             read = [BagWindow.parse(bag).path for bag in bags + validation]
             refuse_input(output, [*read, Path(s['start']) if s['start'] else None])
-            refuse_unwritable(output, overwrite=s['force'], force=FORCE)
+            refuse_unwritable(output, overwrite=s['force'])
         result = computation.run(bags, validation, settings, self._on_progress, apply_remedies=s['apply_remedies'])
         level, text = result.level, headline(result)
         self.log(level, f'identified\n{summary(result)}')
         try:
             if output is not None:
-                write_atomically(output, result_text(result), overwrite=s['force'], force=FORCE)
+                write_atomically(output, result_text(result), overwrite=s['force'])
         except ResultError as error:
             # The parameters are still valid, so they are published with their own level.
             level, text = Level.ERROR, str(error)

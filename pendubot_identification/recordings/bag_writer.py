@@ -22,7 +22,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 
 from pendubot_identification.errors import BagError
-from pendubot_identification.files import yaml_text
+from pendubot_identification.files import OVERWRITE, yaml_text
 
 from .message_types import message_definition
 
@@ -309,7 +309,7 @@ def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
     """
     path = Path(path)
     if os.path.lexists(path) and not overwrite:
-        raise BagError(f'{path} exists already; give another name, or replace it with --force')
+        raise BagError(f'{path} exists already; give another name or {OVERWRITE}')
     try:
         _bag_files(path)
         # Two programs that write the same bag must not share a folder.
