@@ -33,8 +33,7 @@ class WriteSettings:
 
     chunk_size: int = 64 * 1024  #: Largest size of a chunk with more than one message [bytes].
     message_cost: int = 64  #: Largest overhead of a message [bytes].
-    chunk_cost: int = 256  #: Largest overhead of a chunk [bytes].
-    index_cost: int = 64  #: Largest overhead of a channel of a chunk [bytes].
+    chunk_cost: int = 128  #: Largest overhead of a chunk, and of a topic in it [bytes].
     file_cost: int = 16384  #: Largest overhead of a file or topic [bytes].
 
 
@@ -119,12 +118,10 @@ class BagWriter:
         Raises:
             BagError: the type's definition is not installed.
         """
-        definition = message_definition(type_name)
+        text, type_hash = message_definition(type_name)
         profiles = yaml_text(dump_qos_v9(list(offered) or [RELIABLE]))
-        metadata = {'offered_qos_profiles': profiles, 'topic_type_hash': definition.type_hash}
-        return self.add_channel(
-            Schema(0, definition.text.encode(), 'ros2msg', type_name), Channel(0, topic, 'cdr', metadata, 0)
-        )
+        metadata = {'offered_qos_profiles': profiles, 'topic_type_hash': type_hash}
+        return self.add_channel(Schema(0, text.encode(), 'ros2msg', type_name), Channel(0, topic, 'cdr', metadata, 0))
 
     def add_channel(self, schema: Schema, channel: Channel) -> int:
         """Add a topic with the schema and channel of another bag and return its channel; equal topics share one."""
@@ -205,8 +202,8 @@ class BagWriter:
 
     def _flush(self, coming: int = 0) -> None:
         """Write the pending chunk; close the bag if the index and ``coming`` more bytes would not fit on the disk."""
-        chunks = (self._chunks + 1) * (SETTINGS.chunk_cost + SETTINGS.index_cost * len(self._topics))
-        needed = self._pending + coming + chunks + SETTINGS.file_cost * (1 + len(self._topics))
+        overhead = (self._chunks + 1) * SETTINGS.chunk_cost + SETTINGS.file_cost
+        needed = self._pending + coming + overhead * (1 + len(self._topics))
         if reason := _shortage(self.file, needed, self._reserve):  # raises if the file was removed
             self._close()
             sentence = f'{self.path} is closed with all earlier messages: {reason}; free some space'

@@ -7,20 +7,12 @@ import os
 import sys
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from pendubot_identification.errors import BagError
-
-
-class MessageDefinition(NamedTuple):
-    """The ``.msg`` texts of a type and of every type it uses (``ros2msg``), and its hash ``RIHS01_...``."""
-
-    text: str
-    type_hash: str
 
 
 @cache
@@ -30,8 +22,8 @@ def typestore() -> Typestore:
 
 
 @cache
-def message_definition(type_name: str) -> MessageDefinition:
-    """Return the definition of a message type such as ``sensor_msgs/msg/JointState``.
+def message_definition(type_name: str) -> tuple[str, str]:
+    """Return the ``.msg`` texts of a type and of every type it uses (``ros2msg``), and its hash ``RIHS01_...``.
 
     Types outside ROS 2 Jazzy are read from ``share/<package>/msg`` of the sourced workspaces.
 
@@ -42,7 +34,7 @@ def message_definition(type_name: str) -> MessageDefinition:
     try:
         _register(store, type_name)
         text, _ = store.generate_msgdef(type_name, ros_version=2)
-        return MessageDefinition(text, store.hash_rihs01(type_name))
+        return text, store.hash_rihs01(type_name)
     except (TypesysError, UnicodeDecodeError) as error:
         raise BagError(
             f'the definition of {type_name} cannot be read ({str(error).splitlines()[0]}); correct its .msg file'

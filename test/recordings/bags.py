@@ -53,7 +53,7 @@ def foreign(path, messages, chunk_size=4000, **options):
     with path.open('wb') as file:
         writer = Writer(file, chunk_size=chunk_size, **options)
         writer.start(profile='ros2')
-        text = message_definition(JOINT_STATE).text.encode()
+        text = message_definition(JOINT_STATE)[0].encode()
         channel = writer.register_channel(TOPIC, 'cdr', writer.register_schema(JOINT_STATE, 'ros2msg', text))
         for stamp, data in messages:
             writer.add_message(channel, stamp, data, stamp)
