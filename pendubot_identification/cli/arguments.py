@@ -365,8 +365,8 @@ def _info(parser: Any) -> None:
 
 def _repair(parser: Any) -> None:
     """Write a closed copy of an unclosed, truncated or damaged bag, and print the number of saved messages. The copy
-    has an index and a metadata.yaml, and ros2 bag, rosbags and mcap read it. It contains every intact message, also
-    after a damaged part. The original is unchanged.
+    has an index and a metadata.yaml, and ros2 bag, rosbags and mcap read it. It contains the messages of every intact
+    chunk. The original is unchanged.
 
     Examples:
       pendubot repair swing                      into swing_repaired
