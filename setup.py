@@ -67,8 +67,8 @@ setup(
     ],
     extras_require={
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-rclpy', 'ros-jazzy-common-interfaces'],
-        # Files of MATLAB 7.3, Excel and Parquet.
-        'files': ['h5py', 'openpyxl', 'pandas', 'pyarrow'],
+        # Files of Excel and Parquet.
+        'files': ['openpyxl', 'pandas', 'pyarrow'],
         # pendubot studio.
         'studio': ['aiohttp>=3.9'],
         # pendubot completion.
@@ -91,7 +91,6 @@ setup(
             'flake8-docstrings',
             'flake8-import-order',
             'flake8-quotes',
-            'h5py',
             'hypothesis',
             'import-linter',
             'ipykernel',

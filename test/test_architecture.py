@@ -21,7 +21,6 @@ ROSDEP = {'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip', 'urdf_p
 #: Packages without a rosdep key; tests that import one are skipped if it is absent.
 NO_ROSDEP = {
     'casadi',
-    'h5py',
     'mujoco',
     'mypy',
     'nbclient',
@@ -38,9 +37,9 @@ NO_ROSDEP = {
     'swarmops',
 }
 #: Optional dependencies; a message names the command that installs them.
-OPTIONAL = {'aiohttp', 'h5py', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'shtab'}
+OPTIONAL = {'aiohttp', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'shtab'}
 #: Dependencies of mcap, without a rosdep key of their own.
-OF_MCAP = {'lz4', 'zstandard'}
+OF_MCAP = {'zstandard'}
 
 
 def test_import_contracts_hold_and_detect_an_import_of_ros_in_a_criterion(tmp_path):

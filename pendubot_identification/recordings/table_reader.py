@@ -33,7 +33,6 @@ class TableSettings:
     longest_interval: float = 0.1  #: Longest sampling interval [s]; above it the unit of time is wrong.
     usual_interval: float = 0.005  #: Usual sampling interval [s]; the unit of time nearest to it is proposed.
     since_1970: float = 1e8  #: A first time above this value [s] counts from 1970.
-    jump: float = 3.0  #: Least ratio of the largest steps, over their ranges, of torque and angle.
     most_repeated: float = 0.05  #: Largest fraction of repeated times; above it the times have too few digits.
 
 
@@ -137,11 +136,11 @@ class TableReader:
         return taken
 
     def _missing(self, quantities: list[str]) -> TableError:
-        """Return the error of missing columns; it proposes a column of currents, or numbered columns."""
+        """Return the error of missing columns; it proposes a column of currents, or the usual order."""
         names = self.table.names
         likely = {name: _only([c for c in names if quantity_of(c) == name]) for name in quantities}
-        if len(quantities) == len(REQUIRED) and not any(likely.values()):
-            likely |= self._by_content()
+        if len(quantities) == len(REQUIRED) == len(names) and not any(likely.values()):
+            likely = dict(zip(REQUIRED, names, strict=True))
         current = ''
         if likely.get('tau1') == '':
             current = likely['tau1'] = _only([c for c in names if is_current(c, self.unit(c))])
@@ -155,24 +154,6 @@ class TableReader:
             + (' --torque-constant K [N m/A], and --gear N where a gear follows' if current else ''),
             **({'columns': columns} if known else {}),
         )
-
-    def _by_content(self) -> dict[str, str]:
-        """Infer the quantities of four columns without usual names; return an empty mapping if they are ambiguous.
-
-        Only time always increases. The torque has the largest steps, compared with its range. The angles keep the order
-        of the file; checks of the motion detect a wrong order.
-        """
-        names = self.table.names
-        columns = [_numbers(cells, comma=True) for cells in self.table.cells]
-        if len(names) != len(REQUIRED) or not all(x.size > 1 and np.isfinite(x).all() for x in columns):
-            return {}
-        steps = {name: np.diff(x) for name, x in zip(names, columns, strict=True)}
-        jumps = {n: np.abs(steps[n]).max() / (np.ptp(x) or 1.0) for n, x in zip(names, columns, strict=True)}
-        times = [name for name in names if (steps[name] > 0).all()]
-        *angles, torque = sorted(set(names) - {*times[:1]}, key=jumps.__getitem__)
-        if len(times) != 1 or jumps[torque] < SETTINGS.jump * jumps[angles[-1]]:
-            return {}
-        return dict(zip(REQUIRED, [*times, *sorted(angles, key=names.index), torque], strict=True))
 
     @cached_property
     def motion(self) -> Trajectory:
@@ -227,8 +208,7 @@ class TableReader:
         if self.given.skip_missing or not bad.size:
             return numbers
         cell = str(np.asarray(cells, dtype=object)[bad[0]]).strip()
-        empty = not cell or (self.table.row == 'row' and cell in ('nan', 'NaT'))  # of Excel's sheets
-        found = f'{self._where(bad[0])}, column {column!r}: {"nothing" if empty else repr(cell)} is no finite number'
+        found = f'{self._where(bad[0])}, column {column!r}: {repr(cell) if cell else "nothing"} is no finite number'
         if DECIMAL_COMMA.fullmatch(cell):
             raise TableError(f'{found}; decimals are written with commas: add --decimal comma', decimal='comma')
         if bad.size == len(numbers) > 1:
@@ -258,18 +238,13 @@ def _only(found: list[str]) -> str:
 
 def _numbers(cells: Any, *, comma: bool) -> Array:
     """Return cells as numbers; NaN for other texts; dates and durations of pandas in seconds since the first."""
-    if isinstance(cells, tuple):
-        return np.array([_number(cell.replace(',', '.') if comma else cell) for cell in cells])
-    if isinstance(cells, np.ndarray):
-        return np.asarray(cells, dtype=float)
-    import pandas
-
-    cells = cells.infer_objects()
-    if cells.dtype.kind in 'mM':
-        return np.asarray((cells - cells.iloc[0]).dt.total_seconds(), dtype=float)
-    if cells.dtype.kind == 'O':
-        return _numbers(tuple(map(str, cells)), comma=comma)
-    return np.asarray(pandas.to_numeric(cells, errors='coerce'), dtype=float)
+    if not isinstance(cells, tuple):
+        cells = np.asarray(cells)
+        if cells.dtype.kind in 'mM':
+            return np.asarray((cells - cells[0]) / np.timedelta64(1, 's'))
+        if cells.dtype.kind in 'biuf':
+            return np.asarray(cells, dtype=float)
+    return np.array([_number(str(cell).replace(',', '.') if comma else str(cell)) for cell in cells])
 
 
 def _number(cell: str) -> float:

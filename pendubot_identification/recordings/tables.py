@@ -11,11 +11,11 @@ import shlex
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from io import BytesIO, TextIOWrapper
+from dataclasses import replace
+from io import StringIO, TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
-from typing import IO, Any, NamedTuple
-from zipfile import ZipFile
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,6 @@ from pendubot_identification.trajectories.conversion import Conversion
 from .columns import is_unit
 
 WRITETABLE = "in MATLAB, writetable(table(t, q1, q2, tau1), 'run.csv') makes a text file of it"
-#: Largest decompressed size of a file [bytes]; recordings need less than a tenth of it.
-LARGEST = 1 << 29
 #: Number of rows of text in memory at once, before their conversion to numbers.
 BLOCK = 1 << 14
 
@@ -69,7 +67,7 @@ def is_table(path: Path) -> bool:
 
 def _text(path: Path, conversion: Conversion) -> Table:
     """Read text in the given encoding, or else in UTF-8, UTF-16 or Windows-1252 (Latin-1)."""
-    with _unpacked(path) as file:
+    with gzip.open(path) if path.suffix.lower() == '.gz' else path.open('rb') as file:
         start = file.read(200)
         utf16 = start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         encodings = ['utf-16' if utf16 else 'utf-16-le' if b'\0' in start[1::2] else 'utf-8-sig', 'cp1252']
@@ -88,29 +86,22 @@ def _text(path: Path, conversion: Conversion) -> Table:
     raise TableError(f'{path} is no text in {known}; export it in UTF-8, or add --encoding NAME')
 
 
-def _unpacked(path: Path) -> IO[bytes]:
-    """Open a text file; decompress it if its suffix is .gz."""
-    if path.suffix.lower() != '.gz':
-        return path.open('rb')
-    with gzip.open(path) as unpacked:
-        data = unpacked.read(LARGEST + 1)
-    _refuse_large(path, len(data))
-    return BytesIO(data)
+def _separated(path: Path, file: Iterable[str], conversion: Conversion, word: str = 'line') -> Table:
+    """Read a line of column names, and rows; commas, semicolons, tabs or spaces separate the cells.
 
-
-def _separated(path: Path, file: Iterable[str], conversion: Conversion) -> Table:
-    """Read a line of column names, and rows; commas, semicolons, tabs or spaces separate the cells."""
+    ``word`` is the word for a line in messages.
+    """
     above = conversion.skip_rows
     lines = (line.rstrip('\n').strip(' ') for line in file)
     head = list(islice(lines, above + 50))
     if not any(map(str.strip, head)):
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
-    if any(line.startswith('# name: ') for line in head[:10]):
-        return _octave([*head, *lines])
     title = head[above].lstrip('# ') if len(head) > above else ''  # numpy writes a # before the names
     likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
     delimiter = max(likely, key=title.count)
     names = [name.strip() for name in next(csv.reader([title], delimiter=delimiter, skipinitialspace=True))]
+    if not all(names) and (higher := _lines_above(head)):
+        raise _names_below(path, word, higher)
     numbered = _numbered(names)
     names, above = numbered or names, above if numbered else above + 1
     reader = csv.reader(chain(head[above:], lines), delimiter=delimiter, skipinitialspace=True)
@@ -126,12 +117,12 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion) -> Table
             numbers.append(above + reader.line_num)
             if len(row) != len(names):
                 if len(numbers) == above == 1 and (higher := _lines_above(head)):
-                    raise _names_below(path, 'line', higher)
+                    raise _names_below(path, word, higher)
                 comma = delimiter == ',' and len(row) > len(names)
                 why = 'decimals may be written with commas: write them with points, or ' if comma else ''
                 raise TableError(
-                    f'{path}, line {numbers[-1]} has {len(row)} cells; {len(names)} are expected, one for each column '
-                    f'name; {why}correct or remove that row'
+                    f'{path}, {word} {numbers[-1]} has {len(row)} cells; {len(names)} are expected, one for each '
+                    f'column name; {why}correct or remove that row'
                 )
             yield row
 
@@ -142,7 +133,7 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion) -> Table
     while block := list(islice(rows, BLOCK)):
         for column, cells in zip(parts, zip(*block, strict=True), strict=True):
             column.append(_as_numbers(cells, comma=conversion.decimal == 'comma'))
-    return Table(names, [_joined(column) for column in parts], 'line', numbers[1:] if units else numbers, units)
+    return Table(names, [_joined(column) for column in parts], word, numbers[1:] if units else numbers, units)
 
 
 def _as_numbers(cells: tuple[str, ...], *, comma: bool) -> Any:
@@ -167,16 +158,6 @@ def _names_below(path: Path, row: str, above: int) -> TableError:
     )
 
 
-def _refuse_large(path: Path, size: int) -> None:
-    if size > LARGEST:
-        raise TableError(f'{path} unpacks to more than {LARGEST >> 20} MB; export the recording alone')
-
-
-def _refuse_large_zip(path: Path) -> None:
-    with ZipFile(path) as archive:
-        _refuse_large(path, sum(member.file_size for member in archive.infolist()))
-
-
 def _is_number(text: str) -> bool:
     return re.fullmatch(r'[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?', text) is not None
 
@@ -188,66 +169,41 @@ def _numbered(names: Sequence[str]) -> list[str]:
 
 def _lines_above(lines: Sequence[str]) -> int:
     """Return the number of lines above the first line with the usual number of cells, the names; 0 if unclear."""
-    counts = [len(re.findall(r'[;,\t]', line)) for line in lines[:50]]
+    counts = [len(re.findall(r'[;,\t]', line.rstrip(';,\t'))) for line in lines[:50]]
     usual = max(set(counts), key=counts.count)
     return counts.index(usual) if usual and counts.count(usual) > len(counts) / 2 else 0
 
 
-def _units(cells: Sequence[object]) -> Sequence[str]:
+def _units(cells: Sequence[str]) -> Sequence[str]:
     """Return the units of a row of texts without numbers, at least one a unit; empty for another row."""
-    words = [str(cell).strip().strip('[]()') for cell in cells]
-    texts = all(isinstance(cell, str) and not _is_number(word) for cell, word in zip(cells, words, strict=True))
-    return words if texts and any(map(is_unit, words)) else ()
-
-
-def _octave(lines: Sequence[str]) -> Table:
-    """Read the variables of Octave's text format (save -text): vectors, and matrices whose columns are numbered."""
-    variables, name, rows = dict[str, Any](), '', list[list[float]]()
-    for line in [*lines, '# name: ']:
-        if line.startswith('# name: '):
-            if rows:
-                variables[name] = np.squeeze(np.array(rows))
-            name, rows = line.removeprefix('# name: ').strip(), []
-        elif line and line[0] != '#' and all(map(_is_number, line.split())):
-            rows.append([float(word) for word in line.split()])
-    return _of_variables(variables)
+    words = [cell.strip().strip('[]()') for cell in cells]
+    return words if any(map(is_unit, words)) and not any(map(_is_number, words)) else ()
 
 
 def _excel(path: Path, conversion: Conversion) -> Table:
-    """Read a sheet: a row of column names, and rows."""
+    """Read a sheet like text."""
     import pandas
 
-    _refuse_large_zip(path)
     with pandas.ExcelFile(path, engine='openpyxl') as book:
         sheets = book.sheet_names
         sheet = conversion.sheet or sheets[0]
         if sheet not in sheets:
             raise TableError(f'{path} has no sheet {sheet}; its sheets are {", ".join(sheets)}: add --sheet NAME')
-
-        def read(name: str) -> Any:
-            return pandas.read_excel(book, name, header=None, skiprows=conversion.skip_rows).dropna(how='all')
-
-        frame = read(sheet)
+        frame = pandas.read_excel(book, sheet, header=None)
         if frame.shape[1] < len(REQUIRED) and not conversion.sheet:
-            other = next((name for name in sheets[1:] if read(name).shape[1] >= len(REQUIRED)), None)
-            if other is not None:
+            sizes = {name: pandas.read_excel(book, name, header=None).shape[1] for name in sheets[1:]}
+            if other := next((name for name, size in sizes.items() if size >= len(REQUIRED)), ''):
                 found = f'the sheet {sheet} of {path} holds no recording'
                 raise TableError(f'{found}: add --sheet {shlex.quote(other)}', sheet=other)
-    if frame.empty:
+    filled = frame.notna().any(axis=1)
+    if not filled.any():
         return Table([], [])
-    filled = frame.head(100).notna().sum(axis=1)
-    if filled.iloc[0] < len(REQUIRED) <= filled.max() and not conversion.skip_rows:
-        raise _names_below(path, 'row', int(filled.index[filled >= len(REQUIRED)][0]))
-    names, rows = ['' if name != name else str(name).strip() for name in frame.iloc[0]], frame.iloc[1:]
-    if numbered := _numbered(names):
-        names, rows = numbered, frame
-    units = _units(list(rows.iloc[0])) if len(rows) else ()
-    rows = rows.iloc[1:] if units else rows
-    return Table(names, [rows[k] for k in rows], 'row', list(rows.index + 1 + conversion.skip_rows), units)
+    text = frame.replace(r'\s*\n\s*', ' ', regex=True).to_csv(index=False, header=False)
+    above = conversion.skip_rows or int(filled.argmax())
+    return _separated(path, StringIO(text), replace(conversion, skip_rows=above), 'row')
 
 
 def _numpy(path: Path, _: Conversion) -> Table:
-    _refuse_large_zip(path)
     with np.load(path) as found:
         return _of_variables({name: np.squeeze(value) for name, value in found.items()})
 
@@ -260,17 +216,20 @@ def _parquet(path: Path, _: Conversion) -> Table:
 
 
 def _matlab(path: Path, _: Conversion) -> Table:
-    """Read variables, or the fields of structs, of version 5 to 7.3."""
+    """Read variables, or the fields of structs, of version 5 to 7."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque
 
     try:
         found = loadmat(path, simplify_cells=True)
-    except NotImplementedError:
-        return _of_variables(_matlab_73(path))
+    except NotImplementedError as error:
+        raise TableError(f"{path} is of MATLAB's version 7.3; save it with -v7, or {WRITETABLE}") from error
     variables = {name: value for name, value in found.items() if not name.startswith('__')}
     if any(isinstance(value, MatlabOpaque) for value in variables.values()):
-        raise _opaque(path)
+        raise TableError(
+            f'{path} holds a table or timetable T, which only MATLAB can read; in MATLAB, '
+            "writetable(timetable2table(T), 'run.csv') makes a text file of it"
+        )
     return _of_variables(variables)
 
 
@@ -282,22 +241,6 @@ def _of_variables(variables: Mapping[str, Any]) -> Table:
     last = [path[-1] for path, _ in leaves]
     names = [path[-1] if last.count(path[-1]) == 1 else '.'.join(path) for path, _ in leaves]
     return Table(names, [cells for _, cells in leaves])
-
-
-def _matlab_73(path: Path) -> dict[str, Any]:
-    """Return the variables of an HDF5 file, whose arrays are transposed."""
-    import h5py
-
-    def value(item: Any) -> Any:
-        kind = item.attrs.get('MATLAB_class', b'')
-        if 'MATLAB_object_decode' in item.attrs or kind in (b'table', b'timetable'):
-            raise _opaque(path)
-        if isinstance(item, h5py.Group):
-            return {name: value(part) for name, part in item.items()}
-        return np.squeeze(item[()].T) if item.dtype.kind in 'fiu' and kind != b'char' else None
-
-    with h5py.File(path) as file:
-        return {name: value(item) for name, item in file.items() if not name.startswith('#')}
 
 
 def _leaves(variables: Mapping[str, Any], *path: str) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
@@ -314,18 +257,11 @@ def _leaves(variables: Mapping[str, Any], *path: str) -> Iterator[tuple[tuple[st
                 yield from (((*path, f'{name}{k + 1}'), column) for k, column in enumerate(columns))
 
 
-def _opaque(path: Path) -> TableError:
-    return TableError(
-        f'{path} holds a table or timetable T, which only MATLAB can read; in MATLAB, '
-        "writetable(timetable2table(T), 'run.csv') makes a text file of it"
-    )
-
-
 #: The reader of each format, and the packages that it may need.
 FORMATS = {
     **dict.fromkeys(('.csv', '.txt', '.tsv', '.gz'), (_text, '')),
     '.npz': (_numpy, ''),
-    '.mat': (_matlab, 'h5py'),
+    '.mat': (_matlab, ''),
     **dict.fromkeys(('.xlsx', '.xlsm'), (_excel, 'pandas openpyxl')),
     '.parquet': (_parquet, 'pandas pyarrow'),
 }

@@ -19,7 +19,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import ROOT
 from test.simulated_rig import Rig, record
 
-pandas, h5py, openpyxl, _ = map(pytest.importorskip, ('pandas', 'h5py', 'openpyxl', 'pyarrow'))
+pandas, openpyxl, _ = map(pytest.importorskip, ('pandas', 'openpyxl', 'pyarrow'))
 
 BAG = ROOT / 'bags' / 'paper_experiment'
 QUICK = ('--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--hold', 'zero', '--delay', '0', '--json')
@@ -47,15 +47,6 @@ def matlab_struct(file, columns):
 
 def stacked(columns):
     return {'t': columns['t'], 'q': np.column_stack([columns['q1'], columns['q2']]), 'tau': columns['tau1']}
-
-
-def matlab_73(file, columns):
-    with h5py.File(file, 'w', userblock_size=512) as hdf:
-        hdf.create_group('#refs#')
-        for name, values in columns.items():
-            hdf.create_dataset(f'run/{name}', data=np.asarray(values)[None, :]).attrs['MATLAB_class'] = b'double'
-    with file.open('r+b') as stream:
-        stream.write(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM')
 
 
 def with_missing_rows(file, columns):
@@ -92,15 +83,6 @@ def sheet_with_a_title(file, columns):
     book.save(file)
 
 
-def octave(file, columns):
-    """Write column vectors like Octave's save -text."""
-    text = '# Created by Octave 8.4.0, Mon Nov 23 10:00:00 2026 UTC <lab@rig>\n'
-    for name, values in columns.items():
-        rows = '\n'.join(f' {value!r}' for value in values.tolist())
-        text += f'# name: {name}\n# type: matrix\n# rows: {len(values)}\n# columns: 1\n{rows}\n\n\n'
-    file.write_text(text)
-
-
 def repeated(file, columns):
     """Write some rows twice, like a logger that is faster than the rig."""
     rows = np.sort([*range(900), 17, 300, 301])
@@ -120,7 +102,6 @@ HANGING = {'q1': lambda c: np.degrees(c['q1'] + np.pi / 2), 'q2': lambda c: np.d
 VARIANTS = {
     'matrices.mat': (lambda file, c: scipy.io.savemat(file, stacked(c), oned_as='row'), {}, []),
     'struct.mat': (matlab_struct, {}, []),
-    'version 7.3.mat': (matlab_73, {}, []),
     'sheet.xlsx': (excel, {}, []),
     'run.parquet': (parquet, {}, []),
     'decimal commas.csv': (partial(as_text, sep=';', decimal=','), {}, ['--decimal comma']),
@@ -145,11 +126,6 @@ VARIANTS = {
     'a title.csv': (lines_above('Run 7, Monday', 'second try'), {}, ['--skip-rows 2']),
     'no names.csv': (lambda file, c: as_text(file, c, header=False), {}, ['--columns t=1,q1=2,q2=3,tau1=4']),
     'no usual names.csv': (named('c1', 'c2', 'c3', 'c4'), {}, ['--columns t=c1,q1=c2,q2=c3,tau1=c4']),
-    'no usual names, another order.csv': (
-        lambda file, c: pandas.DataFrame(c)[['q2', 'tau1', 't', 'q1']].to_csv(file, index=False, header=False),
-        {},
-        ['--columns t=3,q1=1,q2=4,tau1=2', '--swap positions'],
-    ),
     'a title on a second sheet.xlsx': (sheet_with_a_title, ALL_UNITS, ["--sheet 'Messung 1'", '--skip-rows 1']),
     'no names.xlsx': (partial(excel, header=False), {}, ['--columns t=1,q1=2,q2=3,tau1=4']),
     'decimal commas.xlsx': (excel_as_text, {}, ['--decimal comma']),
@@ -167,7 +143,6 @@ VARIANTS = {
     'arrays.npz': (lambda file, c: np.savez(file, **c), {}, []),
     'matrix.npz': (lambda file, c: np.savez(file, **stacked(c)), {}, []),
     'column vectors.npz': (lambda file, c: np.savez(file, **{n: x[:, None] for n, x in c.items()}), {}, []),
-    'Octave.txt': (octave, {}, []),
     'wrapped.csv': (as_text, {'q1': lambda c: (c['q1'] + 2) % (2 * np.pi) - 2}, ['--unwrap']),
     'wrapped degrees.csv': (
         as_text,
