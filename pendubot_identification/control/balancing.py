@@ -26,13 +26,10 @@ from .plan import Plan, deviation
 
 @dataclass(frozen=True, slots=True)
 class BalancingSettings:
-    """Conditions of a start, and the sampling period as a low quantile, because a busy machine skips samples."""
+    """Conditions of a start."""
 
     patience: float = 3.0  #: Longest wait for the bridge's answer to the arming request [s].
     near: float = 0.3  #: Largest deviation from upright [rad] at which a rig is balanced without a swing-up.
-    samples: int = 100  #: Number of intervals between samples.
-    quantile: float = 0.1  #: Quantile of these intervals.
-    tolerance: float = 0.05  #: Smallest relative change at which the period is updated.
 
 
 SETTINGS = BalancingSettings()
@@ -42,33 +39,17 @@ class Readiness:
     """Collects the inputs of a design, which may arrive in any order.
 
     ``limit`` is the user's largest torque [N m]. ``motor_delay`` is the delay of the motor behind the board's report
-    [s]; None: as identified.
+    [s]; None: as identified. ``board_limit`` is the torque limit of bridge and board [N m], and ``period`` the board's
+    sampling period [s], None before the bridge has reported it.
     """
 
     def __init__(self, limit: float, motor_delay: float | None = None) -> None:
         self._limit = limit
-        self._board_limit = math.inf
+        self.board_limit = math.inf
         self._motor_delay = motor_delay
         self._theta: tuple[float, ...] = ()
         self._assessments: deque[tuple[Level, str, Mapping[str, str]]] = deque(maxlen=8)
-        self._last = math.nan
-        self._steps: list[float] = []
-        self._period: float | None = None
-
-    def sample(self, t: float) -> None:
-        """Update the sampling period with the stamp of a sample [s]."""
-        if math.isfinite(self._last):
-            self._steps.append(t - self._last)
-        self._last = t
-        if len(self._steps) == SETTINGS.samples:
-            period = sorted(self._steps)[round(SETTINGS.quantile * SETTINGS.samples)]
-            self._steps.clear()
-            if period > 0 and (self._period is None or abs(period / self._period - 1) > SETTINGS.tolerance):
-                self._period = round(period, 6)
-
-    def board_limit(self, limit: float) -> None:
-        """Set the torque limit of bridge and board [N m]."""
-        self._board_limit = limit
+        self.period: float | None = None
 
     def offer(self, theta: Sequence[float]) -> Parameters:
         """Store a parameter vector; raise PendubotError if it is unphysical or has a wrong length."""
@@ -88,11 +69,11 @@ class Readiness:
             raise ControlError('no parameters were received on pendubot/params; start the identifier')
         parameters = self.offer(self._theta)
         lag = self._assessed(accept_warn)
-        if self._period is None:
-            raise ControlError('too few samples were received on joint_states to know their rate; start the bridge')
-        if not (limit := min(self._limit, self._board_limit)) > 0:
+        if self.period is None:
+            raise ControlError('the bridge has not reported its sample period on /diagnostics; start the bridge')
+        if not (limit := min(self._limit, self.board_limit)) > 0:
             raise ControlError(f'the bridge limits torques to {limit:g} N m; raise its torque_limit')
-        return parameters, Loop(self._period, lag if self._motor_delay is None else self._motor_delay, limit)
+        return parameters, Loop(self.period, lag if self._motor_delay is None else self._motor_delay, limit)
 
     def _assessed(self, accept_warn: bool) -> float:
         """Return the motor delay [s], 0 if unknown; raise ControlError if the quality is too low or unknown."""
@@ -218,7 +199,6 @@ class Balancing:
             ControlError: the motion has to stop.
         """
         self.silence(now)
-        self.readiness.sample(t)
         self._q, self._heard = q, now
         if self.phase is Phase.IDLE:
             return None

@@ -64,6 +64,7 @@ class Health:
             values['reset cause'] = hello.reset_cause
             if hello.fault_cause:
                 values['last processor fault'] = f'exception {hello.fault_cause} at 0x{hello.fault_pc:08x}'
+            values['sample period [s]'] = hello.sample_period_us / 1e6
             values['torque limit [N m]'] = min(host.motor.torque_limit, hello.torque_limit / 1e6)
             if hello.torque_constant:
                 values['torque constant [N m/A]'] = hello.torque_constant / 1e6

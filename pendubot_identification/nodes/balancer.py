@@ -3,7 +3,6 @@
 
 """``balancer``: swings the rig up and balances it, with the parameters on pendubot/params as its only model."""
 
-import math
 import threading
 import time
 from collections.abc import Iterator
@@ -135,9 +134,10 @@ class Balancer(SettingsNode):
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
-            limit = number({pair.key: pair.value for pair in status.values}.get('torque limit [N m]'))
-            if status.name == self._driver.bridge.lstrip('/') and not math.isnan(limit):
-                self._balancing.readiness.board_limit(limit)
+            values = {pair.key: number(pair.value) for pair in status.values}
+            if status.name == self._driver.bridge.lstrip('/') and 'sample period [s]' in values:
+                self._balancing.readiness.board_limit = values['torque limit [N m]']
+                self._balancing.readiness.period = values['sample period [s]']
 
     async def _on_start(self) -> tuple[bool, str]:
         if rivals := self._driver.rivals() or self._rivals():

@@ -28,8 +28,7 @@ def values(theta=THETA, delay='0.004'):
 
 def informed(level=Level.OK, motor_delay=None):
     readiness = Readiness(2.0, motor_delay)
-    for k in range(150):
-        readiness.sample(k * PERIOD)
+    readiness.period = PERIOD
     readiness.offer(THETA)
     readiness.assess(level, 'low quality', values())
     return readiness
@@ -43,22 +42,8 @@ def test_readiness_gives_parameters_period_delay_and_torque_limit(delay, motor_d
     readiness = informed(motor_delay=motor_delay)
     readiness.assess(Level.OK, '', values(delay=delay))
     assert readiness.ready(False) == (BALANCE, Loop(PERIOD, lag, 2.0))
-    readiness.board_limit(0.5)
+    readiness.board_limit = 0.5
     assert readiness.ready(False)[1].limit == 0.5
-
-
-def test_the_period_is_estimated_despite_skipped_samples():
-    readiness = informed()
-    for k in range(0, 600, 2):
-        readiness.sample(1 + k * PERIOD)
-    assert readiness.ready(False)[1].period == pytest.approx(2 * PERIOD), 'the rate has changed'
-    mixed = Readiness(2.0)
-    t = 0.0
-    for k in range(150):
-        t += PERIOD * (1 if k % 3 == 0 else 3)
-        mixed.sample(t)
-    mixed.offer(THETA)
-    assert mixed.ready(True)[1].period == pytest.approx(PERIOD)
 
 
 def test_missing_or_poor_inputs_are_named():
@@ -71,13 +56,13 @@ def test_missing_or_poor_inputs_are_named():
     with pytest.raises(ControlError, match='being designed'):
         balancing.begin()
     unsampled, other, limited = Readiness(2.0), informed(), informed()
-    limited.board_limit(0.0)
+    limited.board_limit = 0.0
     unsampled.offer(THETA)
     other.offer([1.01 * value for value in THETA])
     for readiness, accept_warn, words in (
         (Readiness(2.0), True, 'no parameters were received'),
         (unsampled, False, 'the quality of the parameters'),
-        (unsampled, True, 'too few samples'),
+        (unsampled, True, 'has not reported its sample period'),
         (informed(level=Level.WARN), False, r'level WARN \(low quality\); set the parameter accept_warn'),
         (informed(level=Level.ERROR), True, r'level ERROR \(low quality\)'),
         (other, False, 'the quality of'),
@@ -208,13 +193,13 @@ def test_a_failed_plan_is_not_repeated_until_an_input_changes():
     balancing.not_prepared(wanted, 'too slow')
     assert balancing.to_prepare(False) is None
     assert balancing.diagnosis()[:2] == (Level.WARN, 'waiting: too slow')
-    balancing.readiness.board_limit(1.0)
+    balancing.readiness.board_limit = 1.0
     assert balancing.to_prepare(False) is not None
 
 
 def test_parameters_refused_while_moving_are_not_prepared_again_if_the_torque_limit_changes():
     balancing = running()
-    balancing.readiness.board_limit(1.0)
+    balancing.readiness.board_limit = 1.0
     balancing.readiness.offer(BETTER)
     balancing.readiness.assess(Level.OK, '', values(BETTER))
     wanted = balancing.to_prepare(False)
