@@ -19,7 +19,7 @@ from pendubot_identification.level import Level, number
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import NAMES, Parameters
 
-from .controller import Controller, ControlMode, SafetyLimits
+from .controller import Controller, SafetyLimits
 from .linear_control import Loop
 from .plan import Plan, deviation
 
@@ -219,8 +219,7 @@ class Balancing:
             self.plan, self._coming = self._coming, None
             self._controller.adopt(self.plan.design)
         torque = self._controller.step(t, q, effort)
-        balancing = self._controller.mode is ControlMode.BALANCE
-        self._upright_since = (self._upright_since or t) if balancing else None
+        self._upright_since = (self._upright_since or t) if self._controller.balancing else None
         return torque
 
     def silence(self, now: float) -> None:
@@ -232,7 +231,7 @@ class Balancing:
         """Return a level, a sentence, and figures by name."""
         values = {'phase': self.phase.value, 'mode': 'none'}
         if self._controller is not None:
-            values['mode'] = self._controller.mode.value
+            values['mode'] = 'balancing' if self._controller.balancing else 'swinging up'
             values['balancing for [s]'] = f'{self._heard - (self._upright_since or self._heard):.1f}'
             values['transport [samples]'] = str(self._controller.monitor.transport)
         if self.plan is not None:

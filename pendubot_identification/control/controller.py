@@ -8,7 +8,6 @@ At a violated limit it raises ControlError; its caller then commands zero torque
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import GRAVITY, Pair, accelerations
@@ -46,13 +45,6 @@ class ControllerSettings:
 SETTINGS = ControllerSettings()
 
 
-class ControlMode(Enum):
-    """The control law in use."""
-
-    SWING_UP = 'swinging up'
-    BALANCE = 'balancing'
-
-
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
     """Limits at which the controller stops."""
@@ -65,10 +57,13 @@ class SafetyLimits:
 
 
 class Controller:
-    """Estimates the state and computes the torque at every sample."""
+    """Estimates the state and computes the torque at every sample.
+
+    ``balancing`` is whether the regulator is in use, instead of the swing-up.
+    """
 
     def __init__(self, design: Design, bounds: SafetyLimits | None = None) -> None:
-        self.mode = ControlMode.SWING_UP
+        self.balancing = False
         self.design = design
         self._loop = loop = design.loop
         self._bounds = bounds or SafetyLimits()
@@ -143,12 +138,12 @@ class Controller:
     def _decide(self, t: float, state: RigState) -> None:
         error = _from_upright(state)
         near = abs(error[0]) < SETTINGS.reach and abs(error[0] + error[1]) < SETTINGS.reach
-        if self.mode is ControlMode.BALANCE and not near:
-            self.mode, self._swinging_since = ControlMode.SWING_UP, t
-        elif self.mode is ControlMode.SWING_UP and near and self._catches(error):
-            self.mode = ControlMode.BALANCE
+        if self.balancing and not near:
+            self.balancing, self._swinging_since = False, t
+        elif not self.balancing and near:
+            self.balancing = self._catches(error)
         allowed = self._bounds.swing_up
-        if self.mode is ControlMode.SWING_UP and t - self._swinging_since >= allowed:
+        if not self.balancing and t - self._swinging_since >= allowed:
             raise ControlError(
                 f'not upright after {allowed:g} s of swinging up'
                 if allowed
@@ -156,7 +151,7 @@ class Controller:
             )
 
     def _law(self, state: RigState) -> float:
-        if self.mode is ControlMode.BALANCE:
+        if self.balancing:
             return self.design.torque(_from_upright(state))
         return _swing_up(self.design, state, self._upright)
 

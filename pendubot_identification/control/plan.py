@@ -19,7 +19,7 @@ from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import HANGING, LatePlant
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .controller import UPRIGHT, Controller, ControlMode
+from .controller import UPRIGHT, Controller
 from .linear_control import Design, Loop, Margins, margins
 
 #: Largest deviation of both angles from upright while the rig is balanced [rad].
@@ -158,7 +158,7 @@ def simulate_closed_loop(
         q1, q2 = (round((q - zero) / count) * count + zero for q, zero in zip(rig.q, HANGING, strict=True))
         effort = torque
         rows.append((k * period, *rig.q, effort, *rig.qd))
-        balancing.append(controller.mode is ControlMode.BALANCE)
+        balancing.append(controller.balancing)
         balanced = balanced + 1 if balancing[-1] else 0
         if stopped or balanced * period > enough:
             break

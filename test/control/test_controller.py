@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.control.controller import UPRIGHT, Controller, ControlMode, SafetyLimits
+from pendubot_identification.control.controller import UPRIGHT, Controller, SafetyLimits
 from pendubot_identification.control.estimator import CommandMonitor, Estimator
 from pendubot_identification.control.linear_control import Design, Loop, closed_loop, linearise, margins
 from pendubot_identification.control.plan import Plan, held_since, simulate_closed_loop
@@ -112,7 +112,7 @@ def test_lost_samples_are_not_mistaken_for_wrong_signs(rate):
             if silent <= 0 and rng.random() < 0.67:
                 torque = controller.step(k * loop.period, rig.q, effort)
             rig.advance((effort, 0.0), loop.period)
-        assert controller.mode is ControlMode.BALANCE
+        assert controller.balancing
 
 
 def torques_with(change, new):
@@ -124,7 +124,7 @@ def torques_with(change, new):
             controller.adopt(new)
         torques.append(controller.step(k * 0.005, rig.q, torques[-1]))
         rig.advance((torques[-2], 0.0), 0.005)
-    assert controller.mode is ControlMode.BALANCE
+    assert controller.balancing
     return np.array(torques[1:])
 
 
