@@ -224,17 +224,12 @@ def _uncobs(data: bytes) -> bytearray | None:
 
     In frames of less than 254 bytes every code byte replaces a zero and is the distance to the next code byte.
     """
-    out = bytearray(data)
-    size = len(out)
-    position = out[0]
-    while position < size:
+    out, position = bytearray(data), 0
+    while position < len(out):
         code = out[position]
         out[position] = 0
         position += code
-    if position != size:
-        return None
-    del out[0]
-    return out
+    return out[1:] if position == len(out) else None
 
 
 def _parse(data: bytes, accepted: frozenset[type]) -> Event:
@@ -263,7 +258,7 @@ def _parse(data: bytes, accepted: frozenset[type]) -> Event:
 
 
 class Decoder:
-    """Decodes bytes, in pieces of any size, into events. It buffers at most one frame.
+    """Decodes bytes, in pieces of any size, into events. It buffers at most one frame and a byte.
 
     Args:
         accept: the message types that this end receives; another type counts as damaged.
@@ -279,23 +274,15 @@ class Decoder:
     def feed(self, data: bytes) -> list[Event]:
         """Decode the next bytes; return the events that they complete, in order."""
         events: list[Event] = []
-        *ended, rest = data.split(b'\0')
+        *ended, rest = (self._pending + data).split(b'\0')
         for piece in ended:
-            if self._pending or self._overlong or len(piece) > MAX_FRAME:
-                self._append(piece, events)
-                piece, self._pending, self._overlong = self._pending, b'', False
-            if piece:
+            if len(piece) > MAX_FRAME and not self._overlong:
+                events.append(Damaged('overlong'))
+            elif 0 < len(piece) <= MAX_FRAME:
                 events.append(_parse(piece, self._accepted))
-        if rest:
-            self._append(rest, events)
-        return events
-
-    def _append(self, piece: bytes, events: list[Event]) -> None:
-        if self._overlong:
-            return
-        if len(self._pending) + len(piece) > MAX_FRAME:
+            self._overlong = False
+        if len(rest) > MAX_FRAME and not self._overlong:
             self._overlong = True
-            self._pending = b''
             events.append(Damaged('overlong'))
-        else:
-            self._pending += piece
+        self._pending = rest[: MAX_FRAME + 1]
+        return events
