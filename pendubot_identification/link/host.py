@@ -5,10 +5,6 @@
 
 This module reads no clock and no port. Methods take the present time ``now`` [ns, of any monotonic clock]. The caller
 then takes the events, and the bytes for the board, from :attr:`Host.output`.
-
-:meth:`Host.receive` processes a STATE in this order: decode the bytes, check the sequence number, compare the STATE
-with the sent commands (``motor``), map its time to the host's clock (``clock``), check the limits (``limits``), convert
-its counts to positions and velocities (``joints``), and emit a :class:`.events.Sample`.
 """
 
 import math
@@ -256,12 +252,10 @@ class Host:
     def _obstacle(self, now: int) -> str:
         """Return the reason against arming the motor, and the correction; empty if there is none."""
         hello, config = self.hello, self.config
-        if self._unusable:
-            return self._unusable
+        if wrong := self._unusable or self._contradiction():
+            return wrong
         if hello is None:
             return 'the board has not sent HELLO yet'
-        if contradiction := self._contradiction():
-            return contradiction
         if self.motor.contested(now):
             return 'another program sends commands to the board; end that program'
         limits = hello.limits
@@ -292,8 +286,7 @@ class Host:
     # Messages of the board
 
     def _on_state(self, state: State, now: int) -> None:
-        if self._has_restarted(state, now):
-            self._restarted('its clock and its sequence numbers restarted', now)
+        self._detect_restart(state, now)
         if not self._accept(state):
             return
         frames = 1 if self.state is None else max(1, (state.seq - self.state.seq) & 0xFFFF)
@@ -325,16 +318,15 @@ class Host:
 
     def _board_time(self, t_us: int, now: int, frames: int) -> int:
         """Return a sample's board time [us]; report a jump or a wrong rate of the clock."""
-        clock, before = self.clock, self._board_us
-        irregular, jumps = clock.irregular, clock.jumps
+        clock, before, counters = self.clock, self._board_us, self.counters
         board_us = clock.observe(t_us, now, frames)
         self._state_taken = clock.host_time(board_us)
-        self.counters.irregular_stamps, self.counters.clock_jumps = clock.irregular, clock.jumps
-        if clock.jumps > jumps:
+        if clock.jumps > counters.clock_jumps:
             text = f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; check its timer"
             self.output.report(Level.WARN, text)
-        if frames == 1 and clock.irregular == irregular and before is not None:
+        if frames == 1 and clock.irregular == counters.irregular_stamps and before is not None:
             self._steps.append(board_us - before)
+        counters.irregular_stamps, counters.clock_jumps = clock.irregular, clock.jumps
         if clock.wrong_rate and self.output.is_new('rate', now):
             self.output.report(Level.WARN, self._rate_text())
         return board_us
@@ -363,10 +355,7 @@ class Host:
             self.motor.stop(text, now)
 
     def _on_hello(self, hello: Hello, now: int) -> None:
-        if self._boot_id is not None and hello.boot_id != self._boot_id:
-            self._restarted('it has a new boot_id', now)
-        elif self._has_restarted(hello, now):
-            self._restarted('its clock and its sequence numbers restarted', now)
+        self._detect_restart(hello, now)
         self._accept(hello)
         self._boot_id = hello.boot_id
         self._unanswered = 0
@@ -432,7 +421,21 @@ class Host:
         self.counters.lost += step - 1
         return True
 
-    def _has_restarted(self, frame: State | Hello, now: int) -> bool:
+    def _detect_restart(self, frame: State | Hello, now: int) -> None:
+        """Forget a board that has restarted, disarm, and request HELLO."""
+        if isinstance(frame, Hello) and self._boot_id not in (None, frame.boot_id):
+            reason = 'it has a new boot_id'
+        elif self._clock_restarted(frame, now):
+            reason = 'its clock and its sequence numbers restarted'
+        else:
+            return
+        self.counters.restarts += 1
+        self.output.report(Level.WARN, f'the board restarted: {reason}')
+        self.motor.stop('the board restarted', now)
+        self._forget_board()
+        self._ask(now)
+
+    def _clock_restarted(self, frame: State | Hello, now: int) -> bool:
         """Return whether the clock went back without a wrap, in a frame that does not follow the last frame."""
         if self.state is None or (self._seq is not None and frame.seq == (self._seq + 1) & 0xFFFF):
             return False
@@ -441,13 +444,6 @@ class Host:
         # A clock that wrapped has advanced by at most the time since the last STATE was sampled (not: read).
         elapsed_us = (now - self._state_taken) * 1e-3 * (1 + SETTINGS.clock_tolerance)
         return (frame.t_us - self.state.t_us) % WRAP > elapsed_us + SETTINGS.clock_back_us
-
-    def _restarted(self, reason: str, now: int) -> None:
-        self.counters.restarts += 1
-        self.output.report(Level.WARN, f'the board restarted: {reason}')
-        self.motor.stop('the board restarted', now)
-        self._forget_board()
-        self._ask(now)
 
     def _counts_per_turn(self, hello: Hello | None) -> tuple[int, int]:
         """Return the configured counts per turn, or else the board's; 0 if both are unknown."""
