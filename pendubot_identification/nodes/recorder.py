@@ -70,7 +70,7 @@ class Recorder(ManagedNode):
         self._topics = {name: Topic() for name in self._resolved(s['topics'])}
         self._max_messages: int = s['max_messages']
         self._fetcher = Fetcher(self, self._take)
-        self._ending, self._sync_due = threading.Event(), threading.Event()
+        self._ending = threading.Event()
         self._failure: BagError | None = None
         path = Path(s['output'] or f'pendubot_{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}')
         self._reserve: int = s['reserve']
@@ -154,7 +154,6 @@ class Recorder(ManagedNode):
             if topic.channel < 0:
                 topic.channel, topic.type_name = self._bag.add_topic(name, type_name, *offered), type_name
             subscription = self._fetcher.subscribe(name, message_type, weakest(offered, DEPTH))
-            self._sync_due.set()  # adds the topic to metadata.yaml
             self.get_logger().info(f'recording {name} [{type_name}]')
         # Distinguishes a lost message from another publisher's first message.
         topic.publishers = len(publishers)
@@ -179,9 +178,7 @@ class Recorder(ManagedNode):
             self.end(self.exit_status)
 
     def _keep_synced(self, ending: threading.Event) -> None:
-        while not ending.is_set():
-            self._sync_due.wait(SYNC_PERIOD)
-            self._sync_due.clear()
+        while not ending.wait(SYNC_PERIOD):
             self._guarded(self._bag.sync)
 
     def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:
