@@ -30,7 +30,7 @@ from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.report import tables
-from pendubot_identification.results.result import read_complete_result, read_result
+from pendubot_identification.results.result import Parameter, PartialResult, read_complete_result, read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 #: Environment variables that extend discovery beyond this computer, or join another domain.
@@ -159,7 +159,8 @@ def _identify(rclpy: Any, folder: Path) -> None:
         programs.wait(identifier, lambda: late.parameters != '', 'published nothing on /pendubot/params')
     result = read_complete_result(written)
     print(f'a subscriber that joined afterwards received /pendubot/params ({late.parameters}): {result.criterion}\n')
-    print(tables.comparison_table(result, asdict(PAPER)).text(), tables.summary(result), sep='\n\n')
+    truth = PartialResult(parameters={name: Parameter(value=value) for name, value in asdict(PAPER).items()})
+    print(tables.parameter_table(result, (truth, 'true value')).text(), tables.summary(result), sep='\n\n')
     print(
         f'\nThe first {PAPER_RIG.samples // 2} samples are for training, the others for validation. Encoder counts\n'
         'and central differences move the minimum of energy away from the truth; MDE finds that minimum exactly.\n'

@@ -19,7 +19,7 @@ from pendubot_identification.excitation.design import Predicted as Excited
 from pendubot_identification.identification.assessment import SETTINGS as ASSESSMENT
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNITS, Parameters
-from pendubot_identification.results.result import CriterionAnswer, Parameter, PartialResult, Predicted, Result
+from pendubot_identification.results.result import Parameter, PartialResult, Predicted, Result
 
 #: Width of a terminal [characters].
 WIDTH = 120
@@ -163,29 +163,18 @@ def _reservation(entry: Parameter) -> str:
     return 'undetermined' if entry.determined is False else ''
 
 
-def comparison_table(result: Result, truth: Mapping[str, float] | None = None) -> Table:
-    """Return a column for each criterion: parameters with their 95 % half-widths or, if known, their true errors."""
-    format = rounding(entry for answer in result.criteria.values() for entry in answer.parameters.values())
-
-    def cell(answer: CriterionAnswer, name: str) -> str:
-        entry = answer.parameters.get(name)
-        if entry is None:
-            return '-'
-        if truth is None:
-            return estimate(entry, format)
-        true = truth[name]
-        error = f'{100 * (entry.value / true - 1):+.1f} %' if true else f'{entry.value:+.1e}'
-        return f'{entry.value:{format}} {error:>9}'
-
+def comparison_table(result: Result) -> Table:
+    """Return a column for each criterion: parameters with their 95 % half-widths."""
+    answers = [answer.parameters for answer in result.criteria.values()]
+    format = rounding(entry for entries in answers for entry in entries.values())
     rows = [
         [
-            f'{name} [{selected.unit}]',
-            *(cell(answer, name) for answer in result.criteria.values()),
-            *([] if truth is None else [f'{truth[name]:{format}}']),
+            f'{name} [{entry.unit}]',
+            *(estimate(entries[name], format) if name in entries else '-' for entries in answers),
         ]
-        for name, selected in result.parameters.items()
+        for name, entry in result.parameters.items()
     ]
-    return Table(['', *result.criteria, *([] if truth is None else ['true value'])], rows)
+    return Table(['', *result.criteria], rows)
 
 
 def prediction_table(result: Result) -> Table:
