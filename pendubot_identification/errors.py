@@ -28,14 +28,12 @@ class TrajectoryError(PendubotError):
 class LongRecordingError(TrajectoryError):
     """A recording that is too long for one identification."""
 
-    found: str  #: clause with the duration of the recording.
-    window: str  #: the requested window, BAG@START:END.
     first: str  #: a window of sufficient length at its beginning, in the same form.
 
     def __init__(self, found: str, window: str, first: str) -> None:
         bag = window.rpartition('@')[0] or window
         super().__init__(f'{found}; take windows of it, such as {first}: pendubot track {bag} lists informative ones')
-        self.found, self.window, self.first = found, window, first
+        self.first = first
 
 
 class ExcitationError(PendubotError):

@@ -120,18 +120,17 @@ def _settings(group: Any, *settings: Setting, **metavars: str) -> None:
         )
 
 
-def _reading(parser: Any, *, joints: bool = False) -> Any:
-    """Add the options for the conversion of recordings, with ``joints`` also for bags; return their group."""
+def _reading(parser: Any, *, joints: bool = False) -> None:
+    """Add the options for the conversion of recordings, with ``joints`` also for bags."""
     group = parser.add_argument_group('conversion of recordings', 'applied in this order to each recording')
     names = {'columns': 't=NAME,...', 'torque_constant': 'K', 'gear': 'N', 'negate': 'q1,...', 'offset': 'q1=ANGLE,...'}
     names['joints'] = 'SHOULDER,ELBOW'
     _settings(group, *(each for each in CONVERSION if joints or each not in (TOPIC, JOINTS)), **names)
     words = (
-        'YAML file with options, from --save-settings, or a result; options given here override it. Only here: '
+        'YAML file with options, or a result for its conversion; options given here override it. Only here: '
         f'{", ".join(option.name for option in estimation.EXPERT_OPTIONS)} of identify, see config/identifier.yaml'
     )
     _path(group, '--settings', 'FILE', words)
-    return group
 
 
 def _outputs(parser: Any, content: str) -> Any:
@@ -152,7 +151,7 @@ def _identify(parser: Any) -> None:
     the first sample. In one bag without a window, the first half is training data and the second half validation data,
     as in the paper. With a window, the rest of the bag validates, except parts shorter than a second. Several bags
     without windows are all training data, and each is predicted from the others. A window lasts at most ten minutes, or
-    three minutes with more than 200 000 samples; for a longer recording the message names the informative windows.
+    three minutes with more than 200 000 samples; pendubot track lists the informative windows of a longer recording.
 
     Three criteria can be minimised; likelihood is the default. MDE minimises the paper's energy in every
     identification, as a comparison with the selected criterion:
@@ -184,7 +183,7 @@ def _identify(parser: Any) -> None:
     estimator.add_argument('--bounds', '--fix', action='append', default=[], metavar='NAME=LOW:HIGH', help=words)
     _settings(parser.add_argument_group('data'), *estimation.DATA_OPTIONS, estimation.APPLY_REMEDIES, delay='LOW:HIGH')
     _settings(parser.add_argument_group('optimisation'), *estimation.OPTIMISATION_OPTIONS, start=RESULT)
-    _path(_reading(parser, joints=True), '--save-settings', 'FILE', 'file for the options of this group')
+    _reading(parser, joints=True)
     output = _outputs(parser, 'the result')
     words = 'lowest level of the result for exit status 3 (default %(default)s)'
     output.add_argument('--fail-on', default='error', choices=FAILING, help=words)
@@ -317,7 +316,7 @@ def _import(parser: Any) -> None:
 
     Examples:
       pendubot import run.mat --output run --columns t=time,q1=th1,q2=th2,tau1=u --degrees --zero hanging
-      pendubot import other.mat --output other --settings lab.yaml      a file of --save-settings
+      pendubot import other.mat --output other --settings result.yaml   the conversion of that result
     """
     _path(parser, 'file', 'FILE', 'file with columns')
     _path(parser, '--output', 'BAG', 'folder of the new bag', required=True)

@@ -5,37 +5,25 @@
 
 import argparse
 import json
-import shlex
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pendubot_identification.errors import (
-    LongRecordingError,
-    PendubotError,
-    TrajectoryError,
-    UsageError,
-    wrong_usage,
-)
-from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically, yaml_text
-from pendubot_identification.identification.estimate import Progress
+from pendubot_identification.errors import UsageError, wrong_usage
+from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
 from pendubot_identification.identification.options import APPLY_REMEDIES, MDE_OPTIONS, OPTIONS
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES
-from pendubot_identification.recordings.bag_reader import BagWindow
-from pendubot_identification.recordings.datasets import Datasets, load_datasets, windows_of
+from pendubot_identification.recordings.datasets import load_datasets, windows_of
 from pendubot_identification.report.tables import summary
 from pendubot_identification.results.checks import check_recordings
 from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.options import bounds_of, settings_of
 from pendubot_identification.results.result import Result, plain, read_result, result_text
-from pendubot_identification.results.track_file import track_recordings
-from pendubot_identification.tracking.events import Start
 from pendubot_identification.trajectories.conventions import CONVERSION
-from pendubot_identification.trajectories.conversion import Conversion
 
 from .arguments import FAILING
 from .options import given_options
@@ -51,36 +39,37 @@ def run_identify(args: argparse.Namespace) -> int:
             raise APPLY_REMEDIES.refusal(apply_remedies)
         settings = _settings(args, options)
         bags = [window.path for window in windows_of([*args.bags, *args.validate], settings.reading)]
-    outputs = [target for target in (args.output, args.save_settings) if target is not None]
     if args.check:
-        if outputs or args.report:
-            raise UsageError('--check writes no file; leave out --output, --report and --save-settings')
+        if args.output or args.report:
+            raise UsageError('--check writes no file; leave out --output and --report')
         return _check(args, settings)
-    for target in (*outputs, *([args.report / 'result.yaml'] if args.report else [])):
-        refuse_input(target, [*bags, start and Path(start), args.settings])
+    for target in (args.output, args.report and args.report / 'result.yaml'):
+        if target is not None:
+            refuse_input(target, [*bags, start and Path(start), args.settings])
     if start is not None:
         settings = replace(settings, start=read_result(Path(start)).theta)
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
-        for target in outputs:
-            refuse_unwritable(target, overwrite=args.force)
-        result, data = _identify(args, settings, apply_remedies=apply_remedies)
+        if args.output is not None:
+            refuse_unwritable(args.output, overwrite=args.force)
+        load = partial(load_datasets, args.bags, args.validate)
+        with progress_bar(hidden=args.json) as progress:
+            result, data = identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
+        written = []
         try:
             if args.output is not None:
                 write_atomically(args.output, result_text(result), overwrite=args.force)
-            if args.save_settings is not None:
-                text = yaml_text(Conversion.of(result.reading).words())
-                write_atomically(args.save_settings, text, overwrite=args.force)
+                written.append(args.output)
             if folder is not None:
                 from pendubot_identification.report.page import write_report  # imports matplotlib
 
                 motions = data.training, data.validation
                 with progress_bar(hidden=args.json) as progress:
-                    outputs.append(write_report(folder, result, motions, progress=progress, static=args.figures))
+                    written.append(write_report(folder, result, motions, progress=progress, static=args.figures))
         finally:
             # Printed also if the files cannot be written; and last, because a closed pipe ends the program.
             print(json.dumps(plain(result), indent=2) if args.json else _shown(args, result))
     if not args.json:
-        for path in outputs:
+        for path in written:
             print(f'written to {path}')
     return _status(args, result.level)
 
@@ -133,40 +122,10 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
     return settings
 
 
-def _identify(args: argparse.Namespace, settings: Settings, *, apply_remedies: bool) -> tuple[Result, Datasets]:
-    """Return the result and the recordings."""
-    with progress_bar(hidden=args.json) as progress:
-
-        def load(conversion: Conversion) -> Datasets:
-            try:
-                return load_datasets(args.bags, args.validate, conversion)
-            except LongRecordingError as error:
-                raise _with_windows(error, conversion, progress) from error
-
-        return identify_recordings(load, settings, progress, apply_remedies=apply_remedies)
-
-
-def _with_windows(error: LongRecordingError, conversion: Conversion, progress: Progress) -> PendubotError:
-    """Return an error that names the informative windows of a recording that is too long."""
-    try:
-        _, track = track_recordings(Start(), [BagWindow.parse(error.window)], conversion, progress)
-    except PendubotError:
-        return error  # the identification of its windows reports the reason
-    if not track.windows:
-        return TrajectoryError(
-            f'{error.found}, and no minute of it has motion without a gap, a change or a disturbance; take windows of '
-            f'it, such as {error.first}'
-        )
-    return TrajectoryError(
-        f'{error.found}; take windows of it, such as these with the most motion between two changes: pendubot identify '
-        f'{shlex.join(track.windows)}'
-    )
-
-
 def _shown(args: argparse.Namespace, result: Result) -> str:
     """Return the text of a result; without --verbose, a brief text and a hint if the result is not written."""
     if args.verbose:
         return summary(result)
-    files = sum(target is not None for target in (args.output, args.save_settings, args.report))
+    files = sum(target is not None for target in (args.output, args.report))
     keep = [] if args.output or args.report else ['not saved: add --output RESULT.yaml, or --report DIR for figures']
     return '\n'.join([brief(result, files + len(keep)), *keep])

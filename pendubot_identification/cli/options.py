@@ -38,7 +38,7 @@ def conversion_of(args: argparse.Namespace) -> Conversion:
 
 def _read_settings(path: Path) -> dict[str, Any]:
     """Return the options in a YAML file; from a result, the options of its conversion of recordings."""
-    content = read_yaml(path, 'name a file of --save-settings', ParameterError)
+    content = read_yaml(path, 'name a file with options, or a result', ParameterError)
     if isinstance(content, dict) and 'schema' in content:
         content = content.get('reading', {})
     if not isinstance(content, dict):
