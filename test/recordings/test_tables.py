@@ -175,6 +175,10 @@ UNUSABLE = {
         lambda path: path.write_bytes(b'MATLAB 7.3 MAT-file'.ljust(124) + b'\0\2IM'),
         "of MATLAB's version 7.3; save it with -v7",
     ),
+    'octave.txt': (
+        lambda path: path.write_text('# Created by Octave 8.4\n# name: t\n# type: matrix\n 0\n'),
+        "is in Octave's text format; in Octave, save it with save -v7 run.mat",
+    ),
     'blank.xlsx': (in_excel, 'holds no columns of numbers'),
     'names.xlsx': (lambda path: in_excel(path, NAMES), 'holds no row of numbers'),
     'gap.xlsx': (
