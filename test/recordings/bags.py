@@ -37,9 +37,20 @@ def samples(n=1000, **changed):
     return [tuple(entries[key](k) for key in ('stamp', 'names', 'position', 'velocity', 'effort')) for k in range(n)]
 
 
-def write(path, samples, topic=TOPIC, logged=lambda k: START + k * STEP + 3_000_000, bag=None):
+def log(bag, count, topics=(TOPIC,), chunk=100):
+    """Write messages on topics in turn, ``chunk`` of them in a chunk; return (topic, stamp, bytes) of each."""
+    channels = [bag.add_topic(topic, JOINT_STATE) for topic in topics]
+    sent = [(topics[k % len(topics)], *message(k)) for k in range(count)]
+    for k, (_, stamp, data) in enumerate(sent):
+        bag.write(channels[k % len(topics)], data, stamp, stamp - 1000, sequence=1 + k // len(topics))
+        if k % chunk == chunk - 1:
+            bag.flush()
+    return sent
+
+
+def write(path, samples, topic=TOPIC, logged=lambda k: START + k * STEP + 3_000_000):
     """Write samples with log times into a bag; return its path."""
-    with bag or BagWriter(path) as bag:
+    with BagWriter(path) as bag:
         channel = bag.add_topic(topic, JOINT_STATE)
         for k, sample in enumerate(samples):
             bag.write(channel, encode_joint_state(*sample), logged(k), sequence=k + 1)

@@ -5,14 +5,14 @@
 
 import random
 from dataclasses import dataclass
+from functools import partial
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
 from pendubot_identification.recordings.bag_writer import BagWriter
-from pendubot_identification.recordings.joint_states import JOINT_STATE
 
-from .bags import message
+from .bags import log
 from .independent import by_mcap, by_rosbags
 
 #: Number of messages, and of messages in a chunk.
@@ -22,17 +22,10 @@ TOPICS = ('/joint_states', '/other')
 
 def write(path, *, closed=True):
     """Write a bag of two topics, closed or as after SIGKILL. Return its messages."""
-    sent = []
-    bag = BagWriter(path)
-    channels = [bag.add_topic(name, JOINT_STATE) for name in TOPICS]
-    for k in range(COUNT):
-        stamp, data = message(k)
-        bag.write(channels[k % 2], data, stamp, sequence=1 + k // 2)
-        sent.append((TOPICS[k % 2], stamp, data))
-        if k % CHUNK == CHUNK - 1 or k == COUNT - 1:
-            bag.flush()
-    unclosed = bag.file.read_bytes()
-    bag.close()
+    with BagWriter(path) as bag:
+        sent = log(bag, COUNT, TOPICS, CHUNK)
+        bag.flush()
+        unclosed = bag.file.read_bytes()
     if not closed:
         bag.file.write_bytes(unclosed)
         (path / 'metadata.yaml').unlink()
@@ -89,9 +82,7 @@ def change(data, random_, count=1):
     return bytes(changed)
 
 
-def change_five(data, random_):
-    """Return data with five random bytes changed."""
-    return change(data, random_, 5)
+change_five = partial(change, count=5)
 
 
 def flip(file, at, bits=1):

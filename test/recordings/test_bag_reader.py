@@ -191,21 +191,25 @@ def test_damage_in_a_closed_file_is_reported_and_a_window_can_avoid_it(bag, tmp_
     assert len(read_trajectory(BagWindow(path, 0, 3)).trajectory) == 300
 
 
+NO_BAG = 'is no bag with messages of type sensor_msgs/msg/JointState that can be read'
+
+
 @pytest.mark.parametrize(
-    ('content', 'sentence'),
+    ('name', 'content', 'sentence'),
     [
-        (None, r'holds no \.mcap, \.db3 or \.bag file'),
-        (b'', 'is empty'),
-        (b't,q1,q2\n1,2,3', 'is no MCAP file'),
+        ('', b'', r'holds no \.mcap, \.db3 or \.bag file'),
+        ('bag.mcap', b'', 'is empty'),
+        ('bag.mcap', b't,q1,q2\n1,2,3', 'is no MCAP file'),
+        ('bag.db3', b'hello', NO_BAG),
+        ('bag.bag', b'hello', NO_BAG),
     ],
 )
-def test_a_path_without_a_bag_is_refused_in_one_sentence(tmp_path, content, sentence):
-    if content is not None:
-        (tmp_path / 'file.mcap').write_bytes(content)
-    with pytest.raises(BagError, match=sentence):
-        read_trajectory(tmp_path)
-    with pytest.raises(BagError, match=r'there is no bag .*absent'):
-        read_trajectory(tmp_path / 'absent')
+def test_a_path_without_a_bag_is_refused_in_one_sentence(tmp_path, name, content, sentence):
+    if name:
+        (tmp_path / name).write_bytes(content)
+    for path, expected in ((tmp_path / name, sentence), (tmp_path / 'absent', 'there is no bag .*absent')):
+        with pytest.raises(BagError, match=expected):
+            read_trajectory(path)
 
 
 def test_a_missing_topic_and_a_topic_of_another_type_are_refused_in_one_sentence(tmp_path):
@@ -267,13 +271,6 @@ def test_a_converted_bag_gives_the_same_motion_and_a_replaced_one_is_read_again(
         write_trajectory(Path('motion'), replace(expected, q=q))
         convert([Path('motion')], Path(name), 'sqlite3', version, None, 'none', *stores, [], [], [], [])
         np.testing.assert_array_equal(read_trajectory(Path(name)).trajectory.q, q)
-
-
-@pytest.mark.parametrize('name', ['empty.bag', 'empty.db3'])
-def test_an_invalid_file_is_refused_in_one_sentence(tmp_path, name):
-    (tmp_path / name).write_bytes(b'hello')
-    with pytest.raises(BagError, match='is no bag with messages of type sensor_msgs/msg/JointState that can be read'):
-        read_trajectory(tmp_path / name)
 
 
 @pytest.mark.parametrize('conversion', [Conversion(unwrap=True), Conversion(unwrap=True, degrees=True)])

@@ -22,16 +22,13 @@ from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.cli.conftest import contents
 
-from .bags import START, STEP, TOPIC, message
+from .bags import START, STEP, TOPIC, log, message
 from .independent import by_mcap, by_rosbags
 
 
-def write(path, count=100, bag=None):
-    with bag or BagWriter(path) as bag:
-        channel = bag.add_topic(TOPIC, JOINT_STATE)
-        for k in range(count):
-            stamp, data = message(k)
-            bag.write(channel, data, stamp, stamp - 1000, sequence=k + 1)
+def write(path):
+    with BagWriter(path) as bag:
+        log(bag, 100)
     return path
 
 

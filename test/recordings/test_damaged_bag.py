@@ -114,19 +114,15 @@ def test_a_refused_repair_is_reported_in_one_sentence_and_changes_nothing(tmp_pa
     assert contents(tmp_path) == before
 
 
-def unclosed(folder, data):
-    folder.mkdir(exist_ok=True)
-    (folder / 'bag_0.mcap').write_bytes(data)
-    return folder
-
-
 def test_a_wrong_length_in_a_chunk_without_checksum_is_detected(tmp_path):
     options = {'compression': CompressionType.NONE, 'enable_crcs': False}
-    data = bytearray(foreign(tmp_path / 'file', map(message, range(300)), **options))
-    found = chunks(tmp_path / 'file')
+    file = tmp_path / 'bag.mcap'
+    unclosed = foreign(file, map(message, range(300)), **options)
+    found = chunks(file)
     hit = found.pop(len(found) // 2)
-    data[hit.end - len(message(0)[1]) - 30] ^= 0x40  # the length of its last message
-    reader, intact = BagReader(unclosed(tmp_path / 'bag', data)), [each for chunk in found for each in chunk.messages]
+    file.write_bytes(unclosed)
+    damage.flip(file, hit.end - len(message(0)[1]) - 30, 0x40)  # the length of its last message
+    reader, intact = BagReader(file), [each for chunk in found for each in chunk.messages]
     assert not reader.closed
     assert f'{len(intact)} intact messages' in reader.note
     assert [(TOPIC, each.log_time, each.data) for part in reader.messages([TOPIC]) for each in part] == intact
