@@ -5,7 +5,6 @@
 
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from std_srvs.srv import Trigger
 
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.model.parameters import NAMES, PAPER
-from pendubot_identification.recordings.bag_reader import read_trajectory
-from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.results.computation import Computation
 from pendubot_identification.results.options import settings_of
 from test.nodes.conftest import FAST
@@ -174,26 +171,3 @@ def test_failures_are_published_and_answered_and_no_file_is_overwritten(bag, tmp
         assert sentence in status.message
     assert output.read_text() == 'mine'
     assert file.read_bytes() == before
-
-
-def test_an_unphysical_result_is_published_at_level_error(bag, tmp_path, client):
-    t = read_trajectory(bag).trajectory
-    write_trajectory(tmp_path / 'wrong_sign', replace(t, tau=-t.tau))
-    status, published, (_,) = client.identified(tmp_path / 'wrong_sign')
-    assert status.level == ERROR
-    assert status.message.startswith('the effort has the wrong sign')
-    assert 'not physical: P1 = 0 is not positive' in published.values()
-
-
-@pytest.mark.parametrize(
-    ('name', 'value', 'reason'),
-    [
-        ('delay', [0.2, 0.1], 'the delay is searched from 0.2 to 0.1 s'),
-        ('bounds', ['P1'], "P1 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0"),
-        ('joint_names', ['a'], 'joint_names has 1 values; 2 are expected'),
-    ],
-)
-def test_invalid_settings_are_refused_with_a_reason(client, name, value, reason):
-    answer = client.set('/identifier', **{name: value})
-    assert not answer.successful
-    assert reason in answer.reason

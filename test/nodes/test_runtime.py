@@ -42,6 +42,9 @@ REFUSED = [
     ('recorder', {'topics': '["two words"]'}, 'a name such as joint_states is expected'),
     ('recorder', {'topics': '[""]'}, 'name at least one topic'),
     ('recorder', {'reserve': 2**60}, 'is not begun: its disk has'),
+    ('identifier', {'delay': '[0.2, 0.1]'}, 'the delay is searched from 0.2 to 0.1 s'),
+    ('identifier', {'bounds': '[P1]'}, "P1 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5"),
+    ('identifier', {'joint_names': '[a]'}, 'joint_names has 1 values; 2 are expected'),
     ('tracker', {'start': '/none.yaml'}, 'there is no file /none.yaml'),
     # No shell expands a ~ after NAME:=.
     ('recorder', {'output': '~/'}, f'{Path.home()} exists already'),
