@@ -15,39 +15,41 @@ from pendubot_identification.model.simulation import Plant
 
 
 class Bench:
-    """An armed virtual board, and a sender of commands."""
+    """A virtual board and a sender of requests; ``hello`` and ``state`` are the board's last."""
 
-    def __init__(self, faults=None, plant=None):
-        self.board, self.decoder = VirtualBoard(plant or Plant(PAPER), faults=faults), Decoder()
-        self.arm(*self.events())
-
-    def arm(self, hello, state):
-        self.hello = hello
-        self.board.receive(encode(Arm(1, 0, hello.boot_id, 5, state.lock, 100)))
-        assert self.step().status == Status.ARMED
-
-    def events(self):
-        return self.decoder.feed(self.board.advance())
+    def __init__(self, board):
+        self.board, self.decoder = board, Decoder()
+        self.hello, self.state = self.decoder.feed(board.advance())
 
     def step(self, samples=1):
         """Return the last STATE."""
-        return [event for _ in range(samples) for event in self.events()][-1]
+        for _ in range(samples):
+            *hello, self.state = self.decoder.feed(self.board.advance())
+            self.hello = (hello or [self.hello])[0]
+        return self.state
+
+    def arm(self):
+        """Arm the board for half a second."""
+        self.board.receive(encode(Arm(1, 0, self.hello.boot_id, 5, self.state.lock, 500)))
+        assert self.step().status == Status.ARMED
+        return self
 
     def torque(self, torque):
-        self.board.receive(encode(Command(2, 0, 1, 100, torque, session=5)))
+        self.board.receive(encode(Command(2, 0, 1, 500, torque, session=5)))
 
 
 def test_a_restart_resets_everything_except_the_motion_and_ends_an_emergency_stop():
-    bench = Bench(Faults(emergency_stop_at=0.05, reset_at=0.5), Plant(PAPER, q=(-1.0, 0.3)))
+    faults = Faults(emergency_stop_at=0.05, reset_at=0.5)
+    bench = Bench(VirtualBoard(Plant(PAPER, q=(-1.0, 0.3)), faults=faults)).arm()
     first = bench.hello
     assert bench.step(48).status == Status.EMERGENCY_STOP
-    hello, state = bench.events()
+    state, hello = bench.step(), bench.hello
     assert hello.boot_id != first.boot_id
     assert (hello.seq, hello.t_us, state.t_us, state.enc1, state.enc2) == (0, 0, 0, 0, 0)
     assert (state.status, state.cmd_seq, state.lock, state.refused) == (0, 0, 1, 0)
     bench.torque(0)
     assert bench.step().status == Status.REFUSED
-    bench.arm(hello, state)
+    bench.arm()
 
 
 def test_a_payload_is_added_and_removed_without_changing_the_position():

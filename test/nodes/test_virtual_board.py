@@ -8,29 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.link.protocol import Arm, Command, Decoder, Mode, encode
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
+from test.link.test_virtual_board import Bench
 from test.nodes.conftest import written
 from test.nodes.observer import Observer
 from test.processes import Program, run_program
 
 
-def arm(board, torque=0):
-    """Arm a board for half a second after its HELLO, and command a torque [micro-N m]."""
-    hello, state = Decoder().feed(board.sample())
-    board.move()
-    request = Arm(1, 0, hello.boot_id, 7, state.lock, 500)
-    board.receive(encode(request) + encode(Command(2, 0, Mode.TORQUE, 500, torque, session=7)))
+def bench(*options):
+    return Bench(make_board(parser().parse_args([*map(str, options), '--seed', '3'])))
 
 
 def pushed(*options):
     """Return the shoulder position [counts] after 0.3 s under 0.05 N m."""
-    board = make_board(parser().parse_args(['--seed', '1', *map(str, options)]))
-    arm(board, 50_000)
-    for _ in range(31):
-        board.advance()
-    return board.last.enc1
+    board = bench(*options).arm()
+    board.torque(50_000)
+    return board.step(31).enc1
 
 
 def test_a_result_file_replaces_the_papers_parameters(tmp_path):
@@ -42,20 +36,13 @@ def test_a_result_file_replaces_the_papers_parameters(tmp_path):
 
 
 def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
-    options = ['--preset', 'balance', '--start', 'upright', '--spread', '0.1', '--rate', '200', '--seed', '3']
-    board = make_board(parser().parse_args(options))
-    first = board.sample()
-    for _ in range(200):
-        board.move()
-        board.sample()
-    begin = board.last.enc1, board.last.enc2
+    board = bench('--preset', 'balance', '--start', 'upright', '--spread', '0.1', '--rate', '200')
+    state = board.step(200)
+    begin = state.enc1, state.enc2
     assert np.abs(np.subtract(begin, (2000, 0))).max() < 0.1 * 4000 / 6.28 + 1
     assert begin != (2000, 0)
-    hello, state = Decoder().feed(first)
-    board.receive(encode(Arm(1, 0, hello.boot_id, 7, state.lock, 500)))
-    for _ in range(100):
-        board.advance()
-    assert abs(board.last.enc1 - begin[0]) > 100, 'it must fall after arming'
+    board.arm()
+    assert abs(board.step(99).enc1 - begin[0]) > 100, 'it must fall after arming'
 
 
 @pytest.mark.parametrize(
