@@ -71,9 +71,17 @@ class Wire:
     def states(self, count, **fields):
         return [event for _ in range(count) for event in self.state(**fields)]
 
-    def wait(self, ms):
-        self.now += ms * MS
-        return self.do(self.host.poll)
+    def obeying(self, **fields):
+        """Receive the STATE of an armed, obedient board with some other fields."""
+        return self.state(**self.obeyed | fields)
+
+    def wait(self, ms, times=1):
+        """Poll every ``ms`` [ms]; return the events."""
+        events = []
+        for _ in range(times):
+            self.now += ms * MS
+            events += self.do(self.host.poll)
+        return events
 
     def sent(self, kind=object):
         return only(Decoder(accept=(Command, HelloRequest, Arm)).feed(self.host.output.take_data()), kind)
@@ -89,6 +97,10 @@ class Wire:
         self.state(**self.obeyed)
         assert self.host.armed
         return self
+
+    def command(self, *torques):
+        """Command torques; return the events."""
+        return [event for torque in torques for event in self.do(self.host.motor.effort, torque)]
 
     def effort(self, torque):
         """Command a torque; return the STATE fields of an obedient board."""
@@ -112,8 +124,7 @@ def test_hello_is_requested_every_200_ms_until_it_arrives_and_silence_is_reporte
     assert reports == [(998, Level.WARN)]
     wire.receive(HELLO)
     wire.sent()
-    for _ in range(49):
-        wire.wait(2)
+    wire.wait(2, times=49)
     assert wire.sent() == []
 
 
@@ -205,8 +216,7 @@ def test_frames_are_published_once_in_order_and_missing_frames_are_counted(frame
     wire, seqs = Wire(hello=replace(HELLO, seq=frames[0][0] - 1)), []
     for each in frames:
         if each is None:
-            wire.wait(200)
-            wire.wait(10)
+            wire.wait(105, times=2)
         else:
             seq, t_us, step = each
             seqs += [seq] * len(only(wire.state(seq, t_us, step=step * MS), Sample))
@@ -453,7 +463,7 @@ def test_at_least_two_commands_are_sent_per_watchdog_period_of_the_board_or_the_
         for _ in range(5):
             wire.wait(2)
             sent += [wire.now] * len(wire.sent(Command))
-        wire.state(step=0, **wire.obeyed)
+        wire.obeying(step=0)
     assert max(b - a for a, b in pairwise(sent)) <= 20 * MS
     assert wire.host.armed
 
@@ -463,14 +473,14 @@ def test_torque_is_clamped_to_the_smaller_limit_and_clamping_is_reported_once(co
     wire = Wire(replace(ASSUMED, torque_limit=configured), replace(HELLO, torque_limit=1_200_000)).armed()
     health, reports = Health(), []
     for k in range(200):
-        reports += texts(wire.do(wire.host.motor.effort, (-1) ** k * 10.0))
+        reports += texts(wire.command((-1) ** k * 10.0))
         assert wire.sent()[-1].torque == (-1) ** k * limit
         wire.state(**wire.effort(-0.1))
     assert reports == [f'an effort command is 10 N m; at most {limit / 1e6:g} N m are sent']
     diagnosis = health.diagnose(wire.host, wire.now)
     assert (diagnosis.level, diagnosis.values['clamped']) == (Level.WARN, '200')
     assert diagnosis.values['torque limit [N m]'] == f'{limit / 1e6:g}'
-    wire.do(wire.host.motor.effort, 0.1234567)
+    wire.command(0.1234567)
     assert wire.sent()[-1].torque == 123_457
 
 
@@ -496,27 +506,11 @@ def test_polling_only_at_next_poll_ends_the_torque_exactly_at_the_command_timeou
 @pytest.mark.parametrize(
     ('event', 'text', 'counted'),
     [
-        (lambda wire: [e for _ in range(12) for e in wire.wait(10)], 'link lost', {'link_losses': 1}),
-        (
-            lambda wire: wire.state(**wire.obeyed | {'status': Status.WATCHDOG}),
-            "disarmed: the board's watchdog tripped",
-            {'trips': 1},
-        ),
-        (
-            lambda wire: wire.state(**wire.obeyed | {'status': Status.OVER_CURRENT}),
-            'the board reports a fault: over current',
-            {},
-        ),
-        (
-            lambda wire: [e for _ in range(3) for e in wire.do(wire.host.motor.effort, math.nan)],
-            'an effort command is nan',
-            {'not_finite': 3},
-        ),
-        (
-            lambda wire: wire.do(wire.host.motor.effort, -math.inf),
-            'an effort command is -inf',
-            {'not_finite': 1},
-        ),
+        (lambda wire: wire.wait(10, times=12), 'link lost', {'link_losses': 1}),
+        (lambda wire: wire.obeying(status=Status.WATCHDOG), "disarmed: the board's watchdog tripped", {'trips': 1}),
+        (lambda wire: wire.obeying(status=Status.OVER_CURRENT), 'the board reports a fault: over current', {}),
+        (lambda wire: wire.command(*3 * [math.nan]), 'an effort command is nan', {'not_finite': 3}),
+        (lambda wire: wire.command(-math.inf), 'an effort command is -inf', {'not_finite': 1}),
         (
             lambda wire: wire.receive(replace(HELLO, seq=2, boot_id=78)),
             'the board restarted',
@@ -530,7 +524,7 @@ def test_the_host_disarms_reports_once_and_stays_disarmed_until_the_next_call_to
     events = event(wire)
     assert not wire.host.armed
     disarm = next(command for command in wire.sent(Command) if command.mode == Mode.DISARM)
-    events += wire.do(wire.host.motor.effort, 0.5) + wire.states(60, cmd_seq=disarm.seq, lock=2)
+    events += wire.command(0.5) + wire.states(60, cmd_seq=disarm.seq, lock=2)
     assert not wire.host.armed
     assert Mode.TORQUE not in [command.mode for command in wire.sent(Command)]
     assert len([report for report in texts(events) if report.startswith(text)]) == 1
@@ -558,8 +552,7 @@ def test_a_link_is_lost_after_100_ms_five_periods_or_the_configured_time_and_an_
     wire = Wire(config, hello)
     if armed_samples:
         wire.armed().states(armed_samples - 2, **wire.obeyed)
-    for _ in range(longest_ms // 10):
-        wire.wait(10)
+    wire.wait(10, times=longest_ms // 10)
     assert (wire.host.link, wire.host.armed) == ('up', armed_samples > 0)
     wire.wait(10)
     assert (wire.host.link, wire.host.armed) == ('silent', False)
@@ -570,8 +563,7 @@ def test_a_board_that_answers_without_samples_is_reported_lost_once():
     wire, reports = Wire(), []
     wire.state()
     for seq in range(2, 22):
-        for _ in range(20):
-            reports += wire.wait(10)
+        reports += wire.wait(10, times=20)
         reports += wire.receive(replace(HELLO, seq=seq))
     assert ['link lost' in report.text for report in reports] == [True]
     assert wire.host.condition(0) == Report(Level.ERROR, 'no valid sample arrives from the board')
