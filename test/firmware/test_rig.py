@@ -211,16 +211,6 @@ def test_each_fault_switches_the_motor_off_until_the_host_disarms_and_arms_again
     assert board.motor_is_on == (not persistent)
 
 
-def test_the_motor_is_off_before_arming_and_after_the_watchdog_trips(board):
-    assert not board.motor_is_on
-    board.command(1, 300_000)
-    assert board.sample() == Status.REFUSED
-    assert not board.motor_is_on
-    board.drive()
-    assert [board.sample() for _ in range(500)] == [Status.ARMED] * 499 + [Status.WATCHDOG]
-    assert not board.motor_is_on
-
-
 def test_a_receiver_overrun_damages_a_frame_and_a_transmitter_overrun_is_reported(board):
     board.command(0, overrun_at=3)
     assert board.sample() == Status.DAMAGED_FRAME
