@@ -38,6 +38,8 @@ NEED_ROS = ['nodes/test_*', 'firmware/test_bridge.py', 'test_fault_trials.py']
 collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else NEED_ROS
 
 ROOT = Path(__file__).resolve().parent.parent
+#: A bag of the paper's rig in simulation.
+SAMPLE = ROOT / 'bags' / 'paper_experiment'
 RECORDINGS = ROOT.parent / 'shared' / 'recordings'
 
 

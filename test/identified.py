@@ -14,9 +14,8 @@ from pendubot_identification.results.computation import assemble_result
 from pendubot_identification.results.result import Result, structured
 from pendubot_identification.results.result import plain as plain_of
 from pendubot_identification.trajectories.trajectory import Source
-from test.conftest import ROOT
+from test.conftest import SAMPLE
 
-SAMPLE = ROOT / 'bags' / 'paper_experiment'
 SOURCE = Source('swing@0:4', 'training', 400, 3.99, '0' * 64, True)
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.results.result import read_result
-from test.conftest import ROOT
+from test.conftest import ROOT, SAMPLE
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def example(tmp_path):
 
 
 def test_the_examples_for_bags_give_parameters_and_a_regulator(example, tmp_path):
-    output = example('bag_to_parameters.py', ROOT / 'bags' / 'paper_experiment', 'rig.yaml')
+    output = example('bag_to_parameters.py', SAMPLE, 'rig.yaml')
     assert 'P5 = 0.0033' in output
     theta = read_result(tmp_path / 'rig.yaml').theta.vector()
     np.testing.assert_allclose(theta, PAPER.vector(), rtol=0.02)

@@ -21,7 +21,7 @@ from pendubot_identification.errors import ParameterError, PendubotError
 from pendubot_identification.formats.export import export
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.results.result import read_result
-from test.conftest import ROOT
+from test.conftest import ROOT, SAMPLE
 from test.nodes.conftest import written
 
 PACKAGE = 'pendubot_identification'
@@ -29,7 +29,7 @@ PROGRAMS = 'bridge', 'recorder', 'exciter', 'player', 'identifier', 'virtual_boa
 #: Programs of other packages with the same names.
 OTHERS = 'robot_state_publisher', 'rviz2', 'plotjuggler'
 RANGE, PROFILES = launching.RANGE, launching.PROFILES
-BAG = str(ROOT / 'bags' / 'paper_experiment')
+BAG = str(SAMPLE)
 #: Required arguments of each launch file.
 NEEDED = {'rig': {}, 'virtual': {}, 'view': {}, 'identification': {}, 'replay': {'bag': BAG}, 'control': {}}
 #: Programs and packages of ros2_control.

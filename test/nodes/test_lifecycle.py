@@ -12,7 +12,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
 
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.conftest import ROOT
+from test.conftest import SAMPLE
 from test.nodes.conftest import FAST, PULSES
 from test.nodes.observer import Observer
 from test.processes import Program, parameters
@@ -155,8 +155,7 @@ def test_the_exciter_moves_the_rig_only_while_an_active_recorder_writes(manager,
 
 
 def test_inactive_identifiers_and_trackers_are_idle(manager):
-    bag = ROOT / 'bags/paper_experiment'
-    with Program('identifier', *parameters(bags=f'[{bag}]', autostart='false', **FAST)) as program:
+    with Program('identifier', *parameters(bags=f'[{SAMPLE}]', autostart='false', **FAST)) as program:
         assert manager.change('identifier', 'configure')
         answer = manager.call(Trigger, '/identifier/identify')
         assert (answer.success, 'the identifier is inactive' in answer.message) == (False, True)
@@ -166,7 +165,7 @@ def test_inactive_identifiers_and_trackers_are_idle(manager):
         assert program.stop() == 0
     with Program('tracker') as program, ExitStack() as stack:
         program.wait_for('8 s of motion without a gap are needed')
-        stack.enter_context(Program('player', *parameters(bag=bag, topics='[joint_states]')))
+        stack.enter_context(Program('player', *parameters(bag=SAMPLE, topics='[joint_states]')))
 
         def samples():
             return int(manager.reported('tracker').get('samples', 0))

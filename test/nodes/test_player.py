@@ -20,15 +20,14 @@ from pendubot_identification.recordings.joint_states import (
     encode_joint_state,
     write_trajectory,
 )
-from test.conftest import ROOT
+from test.conftest import SAMPLE
 from test.nodes.conftest import written
 from test.processes import Program, parameters, spin_until
+from test.recordings.bags import START
 from test.recordings.independent import by_mcap
 
 pytestmark = pytest.mark.ros
 
-SAMPLE = ROOT / 'bags' / 'paper_experiment'
-START = 1_700_000_000_000_000_000
 MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
 TEXT = bytes([0, 1, 0, 0, 4, 0, 0, 0]) + b'abc\0'  #: A std_msgs/String.

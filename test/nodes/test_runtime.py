@@ -19,11 +19,10 @@ from rclpy.parameter import Parameter, get_parameter_value, parameter_dict_from_
 from rclpy.parameter_client import AsyncParameterClient
 from rosgraph_msgs.msg import Clock
 
-from test.conftest import ROOT
+from test.conftest import ROOT, SAMPLE
 from test.processes import Program, parameters, spin_until
 
 pytestmark = pytest.mark.ros
-BAG = ROOT / 'bags' / 'paper_experiment'
 
 #: Invalid settings: program, parameters, and a part of the expected message.
 REFUSED = [
@@ -51,8 +50,8 @@ REFUSED = [
     ('player', {'bag': '~/none@0:9'}, f'there is no bag {Path.home()}/none;'),
     ('player', {'bag': "''"}, 'bag is empty; give the folder of a bag'),
     ('player', {'bag': '/nowhere'}, 'there is no bag /nowhere'),
-    ('player', {'bag': f'{BAG}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
-    ('player', {'bag': BAG, 'topics': '[/other]'}, 'has no messages on /other; its topics are /joint_states'),
+    ('player', {'bag': f'{SAMPLE}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
+    ('player', {'bag': SAMPLE, 'topics': '[/other]'}, 'has no messages on /other; its topics are /joint_states'),
 ]
 #: Runs all in one process, to start Python once; prints the status and the message of each.
 RUN_ALL = """

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from pendubot_identification.model.parameters import PAPER
-from test.conftest import ROOT
+from test.conftest import ROOT, SAMPLE
 from test.nodes.conftest import written
 from test.processes import Program, parameters, spin_until
 
@@ -78,7 +78,7 @@ def test_the_policy_allows_exactly_the_topics_and_services_that_the_nodes_use(ro
     values = {
         'bridge': {'port': tmp_path / 'board'},
         'recorder': {'output': tmp_path / 'bag', 'topics': f'[joint_states, {EFFORT}, /pendubot/joint_commands]'},
-        'player': {'bag': ROOT / 'bags/paper_experiment', 'topics': '[joint_states]', 'rate': 0.01},
+        'player': {'bag': SAMPLE, 'topics': '[joint_states]', 'rate': 0.01},
     }
     values['player']['ghost'] = written(tmp_path / 'rig.yaml', PAPER)
 

@@ -29,12 +29,10 @@ from pendubot_identification.recordings.bag_reader import (
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
 from pendubot_identification.trajectories.conversion import Conversion
-from test.conftest import ROOT
+from test.conftest import SAMPLE
 
 from .bags import FLOAT, JOINTS, START, STEP, TOPIC, foreign, message, samples, write
 from .damage import flip
-
-SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
 
 @pytest.fixture(scope='module')
