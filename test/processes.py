@@ -140,6 +140,15 @@ def repeating(work, every):
         thread.join()
 
 
+def until(condition, timeout=30.0, program=None):
+    """Wait until ``condition()`` is true; fail after ``timeout`` [s], or if a program ends before."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < deadline, program and program.output
+        assert program is None or program.process.poll() is None, program.output
+        time.sleep(0.005)
+
+
 def spin_until(node, condition, timeout=30.0):
     """Spin a node until ``condition()`` is true; return False at a timeout."""
     import rclpy

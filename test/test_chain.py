@@ -15,7 +15,7 @@ import yaml
 
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.processes import Program
+from test.processes import Program, until
 from test.witness import Witness
 
 pytestmark = pytest.mark.ros
@@ -30,11 +30,8 @@ class Demo(Program):
 
     def wait_for_log(self, name, text):
         """Wait for a text in the log of a program."""
-        log, deadline = self.folder / f'{name}.log', time.monotonic() + 180.0
-        while not (log.exists() and text in log.read_text()):
-            assert time.monotonic() < deadline, self.output
-            assert self.process.poll() is None, self.output
-            time.sleep(0.02)
+        log = self.folder / f'{name}.log'
+        until(lambda: log.exists() and text in log.read_text(), 180.0, self)
 
     def pause(self, seconds, program=''):
         """Suspend a program, or all including the demo, and then let them run for as long."""

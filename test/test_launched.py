@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from test.conftest import ROOT
-from test.processes import Program
+from test.processes import Program, until
 from test.test_launch import INSTALLED, NEEDED, PACKAGE, RANGE, files_and_values, launch
 
 pytestmark = [
@@ -95,13 +95,6 @@ def rig(launched, tmp_path):
     with Program('virtual_board', '--link', tmp_path / 'rig', '--trace', trace) as board:
         board.wait_for('virtual board on')
         yield lambda *arguments, **how: launched('rig', REAL, *words, *arguments, **how), last
-
-
-def until(condition, timeout=30.0):
-    deadline = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 @pytest.mark.parametrize('name', NEEDED)

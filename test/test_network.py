@@ -5,12 +5,11 @@
 
 import os
 import subprocess
-import time
 
 import pytest
 
 from test.conftest import ROOT
-from test.processes import Program, parameters
+from test.processes import Program, parameters, until
 
 pytestmark = pytest.mark.ros
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
@@ -55,10 +54,8 @@ def machines():
             pytest.skip(f'no right to make network namespaces: {error.stderr.strip()}')
         # Fast DDS ignores interfaces that come up later.
         for name in (rig, other):
-            deadline = time.monotonic() + 10.0
             show = ['ip', '-n', name, 'link', 'show', 'eth0', 'up']
-            while 'state UP' not in subprocess.run(show, capture_output=True, text=True, check=True).stdout:
-                assert time.monotonic() < deadline
+            until(lambda show=show: b'state UP' in subprocess.run(show, capture_output=True, check=True).stdout)
         yield [('ip', 'netns', 'exec', name) for name in (rig, other)]
     finally:
         for name in (rig, other):

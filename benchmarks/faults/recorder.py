@@ -22,7 +22,7 @@ from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
 from pendubot_identification.recordings.bag_repair import repair
 from test.nodes.observer import Observer
-from test.processes import Program, parameters
+from test.processes import Program, parameters, until
 from test.recordings import damage
 from test.recordings.independent import by_mcap, by_rosbags
 
@@ -37,15 +37,8 @@ def recorder(output, *topics, **others):
     return Program('recorder', *parameters(output=output, topics=f'[{",".join(topics)}]', **others))
 
 
-def wait(condition, timeout=30.0):
-    deadline = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < deadline, 'nothing happened'
-        time.sleep(0.005)
-
-
 def wait_for_subscriptions(*publishers):
-    wait(lambda: all(publisher.get_subscription_count() for publisher in publishers))
+    until(lambda: all(publisher.get_subscription_count() for publisher in publishers))
 
 
 def recorded(path):
@@ -79,7 +72,7 @@ def kills(node, folder, count):
             wait_for_subscriptions(publisher)
             # The first message may come only with the publisher's next heartbeat, seconds later.
             publisher.publish(joint_state(0))
-            wait(lambda path=path: recorded(path) == 1)
+            until(lambda path=path: recorded(path) == 1)
             sent = 1
             start = time.monotonic()
             end = start + random_.uniform(0.5, 1.5)
@@ -121,9 +114,9 @@ def fills_up(folder, _):
             while program.process.poll() is None:
                 publisher.publish(message)
                 sent += 1
-                wait(lambda: program.process.poll() is not None or recorded(path) >= sent - 5)  # noqa: B023
+                until(lambda: program.process.poll() is not None or recorded(path) >= sent - 5)  # noqa: B023
             status = program.process.returncode
-            wait(lambda: 'is closed with all earlier messages: its disk has' in program.output)
+            until(lambda: 'is closed with all earlier messages: its disk has' in program.output)
             traced = 'Traceback' in program.output
         left, size = shutil.disk_usage(disk).free - reserve, sum(file.stat().st_size for file in path.iterdir())
         info, same = BagReader(path), by_mcap(path) == by_rosbags(path)

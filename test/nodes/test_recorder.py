@@ -20,12 +20,12 @@ from benchmarks.faults.recorder import (
     kills,
     recorded,
     recorder,
-    wait,
     wait_for_subscriptions,
 )
 from benchmarks.faults.table import Figure
 from pendubot_identification.recordings.bag_reader import BagReader
 from test.nodes.observer import Observer, values
+from test.processes import until
 from test.recordings.independent import by_mcap, by_rosbags
 
 pytestmark = pytest.mark.ros
@@ -50,15 +50,7 @@ def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagno
     state = DiagnosticArray(
         status=[DiagnosticStatus(level=b'\x01', name='n', message='m', values=[KeyValue(key='k', value='ü')])]
     )
-    published = {
-        '/best_effort': [Float64(data=8.0)],
-        '/joint_states': [joint_state(k) for k in range(500)],
-        '/effort': [Float64(data=0.1 * k) for k in range(300)],
-        '/state': [state] * 20,
-        '/latched': [Float64(data=7.0)],
-    }
-    qualities = dict.fromkeys(published, 1000)
-    qualities['/latched'] = QoSProfile(
+    latched = QoSProfile(
         depth=1,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
         deadline=Duration(seconds=7, nanoseconds=5),
@@ -66,11 +58,16 @@ def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagno
         liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
         liveliness_lease_duration=Duration(seconds=60),
     )
-    qualities['/best_effort'] = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publishers = {
-        topic: node.create_publisher(type(messages[0]), topic, qualities[topic])
-        for topic, messages in published.items()
-    }
+    publishers, published = {}, {}
+    for topic, messages, quality in (
+        ('/best_effort', [Float64(data=8.0)], QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)),
+        ('/joint_states', [joint_state(k) for k in range(500)], 1000),
+        ('/effort', [Float64(data=0.1 * k) for k in range(300)], 1000),
+        ('/state', [state] * 20, 1000),
+        ('/latched', [Float64(data=7.0)], latched),
+    ):
+        published[topic] = messages
+        publishers[topic] = node.create_publisher(type(messages[0]), topic, quality)
     publishers['/latched'].publish(published['/latched'][0])
     path, started = tmp_path / 'bag', time.time_ns()
     with recorder(path, *published) as program:
@@ -79,10 +76,10 @@ def test_messages_of_every_quality_of_service_are_recorded_and_counted_in_diagno
         for topic in ('/joint_states', '/effort', '/state'):
             for message in published[topic]:
                 publishers[topic].publish(message)
-        wait(lambda: recorded(path) == 821)
+        until(lambda: recorded(path) == 821)
         # Every publisher is discovered by now, so best-effort messages are not lost either.
         publishers['/best_effort'].publish(published['/best_effort'][0])
-        wait(lambda: recorded(path) == 822)
+        until(lambda: recorded(path) == 822)
         # On a busy machine late messages cause a warning, which passes.
         observer.until(
             lambda: (
@@ -132,14 +129,14 @@ def test_metadata_of_a_killed_recording_has_every_topic_and_message_count(tmp_pa
     with recorder(path, '/early', '/late', '/never') as program:
         early = node.create_publisher(Float64, '/early', 1000)
         wait_for_subscriptions(early)
-        wait(lambda: counts() == {'/early': 0})
+        until(lambda: counts() == {'/early': 0})
         for k in range(300):
             early.publish(Float64(data=float(k)))
-        wait(lambda: counts() == {'/early': 300})
+        until(lambda: counts() == {'/early': 300})
         late = node.create_publisher(Float64, '/late', 1000)
         wait_for_subscriptions(late)
         late.publish(Float64(data=1.0))
-        wait(lambda: counts() == {'/early': 300, '/late': 1})
+        until(lambda: counts() == {'/early': 300, '/late': 1})
         program.kill()
     assert counts() == {'/early': 300, '/late': 1}
     assert not BagReader(path).closed
@@ -157,7 +154,7 @@ def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, n
         publisher = node.create_publisher(Float64, '/lost', 10)
         wait_for_subscriptions(publisher)
         publisher.publish(Float64(data=0.0))
-        wait(lambda: recorded(path) == 1)
+        until(lambda: recorded(path) == 1)
         passing = node.create_publisher(Float64, '/lost', poor)
         program.wait_for('/lost: 1 of 2 publishers offer less and are not recorded')
         observer.until(lambda: observer.statuses and 'not recorded' in observer.statuses[-1].message)
@@ -170,7 +167,7 @@ def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, n
         observer.until(lambda: 'messages lost' in observer.statuses[-1].message)
         assert observer.statuses[-1].level == b'\1'
         publisher.publish(Float64(data=-1.0))
-        wait(lambda: last() == -1.0)
+        until(lambda: last() == -1.0)
         both = '/lost lost', '/lost messages'
         observer.until(lambda: sum(int(observer.reported('recorder')[name]) for name in both) == 20_001)
         # Without the other publisher the best-effort one is recorded.
@@ -178,8 +175,8 @@ def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, n
         passing = node.create_publisher(Float64, '/lost', poor)
         wait_for_subscriptions(passing)
         passing.publish(Float64(data=-2.0))
-        wait(lambda: last() == -2.0)
-        wait(lambda: 'nobody publishes /nobody yet' in program.output)
+        until(lambda: last() == -2.0)
+        until(lambda: 'nobody publishes /nobody yet' in program.output)
         assert program.stop() == 0
         assert program.wait_for('/lost: ').endswith(' lost')
     assert BagReader(path).closed
@@ -207,14 +204,14 @@ def test_a_topic_of_two_types_is_reported_in_one_sentence(tmp_path, node, ros):
             former = node.create_publisher(Float64, '/both', 1)
             wait_for_subscriptions(former)
             former.publish(Float64(data=1.0))
-            wait(lambda: recorded(changed) == 1)
+            until(lambda: recorded(changed) == 1)
             node.destroy_publisher(former)
             latter = other.create_publisher(String, '/both', 1)
             program.wait_for(text)
             other.destroy_publisher(latter)
             assert program.stop() == 0
         publishers = [node.create_publisher(Float64, '/both', 1), other.create_publisher(String, '/both', 1)]
-        wait(lambda: len(node.get_publishers_info_by_topic('/both')) == len(publishers))
+        until(lambda: len(node.get_publishers_info_by_topic('/both')) == len(publishers))
         with recorder(tmp_path / 'bag', '/both') as program:
             program.wait_for(text)
             assert program.process.wait(10) == 1
