@@ -10,6 +10,7 @@ import select
 import threading
 import time
 import tty
+from functools import partial
 
 import pytest
 import serial
@@ -21,16 +22,17 @@ from pendubot_identification.link.serial_port import FrameWriter, SerialPort
 from pendubot_identification.link.virtual_board import VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
-from test.processes import Program
+from test.processes import Program, until
 
 
 class Receiver:
     """Collects the data and events of a link."""
 
     def __init__(self, port):
-        self.data, self.arrivals, self.closed, self.opened = b'', [], [], 0
+        self.data, self.arrivals, self.opened, self.closed = b'', [], False, []
         self._changed = threading.Condition()
-        self.link = SerialPort(str(port), 115200, self._on_bytes, self._on_opened, self._on_closed)
+        opened = partial(self._change, opened=True)
+        self.link = SerialPort(str(port), 115200, self._on_bytes, opened, self._on_closed)
 
     def __enter__(self):
         self.link.start()
@@ -39,21 +41,16 @@ class Receiver:
     def __exit__(self, *_):
         self.link.close()
 
-    def _on_bytes(self, data, arrival):
+    def _change(self, **fields):
         with self._changed:
-            self.data += data
-            self.arrivals.append(arrival)
+            vars(self).update(fields)
             self._changed.notify_all()
 
-    def _on_opened(self):
-        with self._changed:
-            self.opened += 1
-            self._changed.notify_all()
+    def _on_bytes(self, data, arrival):
+        self._change(data=self.data + data, arrivals=[*self.arrivals, arrival])
 
     def _on_closed(self, reason):
-        with self._changed:
-            self.closed.append(reason)
-            self._changed.notify_all()
+        self._change(closed=[*self.closed, reason])
 
     def wait(self, condition):
         with self._changed:
@@ -188,23 +185,17 @@ def test_a_truncated_frame_does_not_damage_the_next(port):
 def test_the_board_reports_an_overrun_while_the_host_does_not_read(port, tmp_path, each_board):
     trace = tmp_path / 'trace.csv'
 
-    def wait(condition):
-        deadline = time.monotonic() + 10.0
-        while not condition():
-            assert time.monotonic() < deadline
-            time.sleep(0.001)
-
     def overrun(since=0):
         return f',{Status.OVERRUN}\n' in trace.read_text()[since:]
 
     with Program('virtual_board', '--link', port, '--rate', 1000, '--trace', trace) as board:
         board.wait_for('virtual board on')
-        wait(overrun)  # without a reader
+        until(overrun)  # without a reader
         device = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         opened = len(trace.read_text())
-        wait(lambda: ',0\n' in trace.read_text()[opened:])
+        until(lambda: ',0\n' in trace.read_text()[opened:])
         begun = len(trace.read_text())
-        wait(lambda: overrun(begun))
+        until(lambda: overrun(begun))
         os.close(device)
 
 
