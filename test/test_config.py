@@ -6,6 +6,7 @@
 import importlib
 import json
 import re
+from contextlib import contextmanager
 from xml.etree import ElementTree
 
 import pytest
@@ -23,22 +24,30 @@ SHOWN = {'/joint_states', '/diagnostics', '/robot_description'}
 SHOWN |= {f'/pendubot/{name}' for name in ('effort_command', 'params', 'identification', 'robot_description')}
 
 
+@contextmanager
+def started(name, namespace, file):
+    """Yield a node that has read a parameter file."""
+    import rclpy
+    from rclpy.node import Node
+
+    with rclpy.Context() as context:
+        arguments = ['--ros-args', '--params-file', str(file)]
+        node = Node(name, context=context, namespace=namespace, cli_args=arguments)
+        yield node
+        node.destroy_node()
+
+
 @pytest.mark.parametrize(
     'path',
     sorted({*(ROOT / 'config').glob('*.yaml')} - {ROOT / 'config' / name for name in OTHERS}),
     ids=lambda path: path.stem,
 )
 def test_a_parameter_file_has_every_parameter_of_its_node_with_default_and_descriptor(path):
-    import rclpy
-    from rclpy.node import Node
-
     from pendubot_identification.nodes.runtime import descriptor
 
     module = importlib.import_module(f'pendubot_identification.nodes.{path.stem}')
     settings = getattr(module, path.stem.title()).SETTINGS
-    with rclpy.Context() as context:
-        arguments = ['--ros-args', '--params-file', str(path)]
-        node = Node(path.stem, context=context, namespace='/building/lab1', cli_args=arguments)
+    with started(path.stem, '/building/lab1', path) as node:
         assert set(node._parameter_overrides) == {setting.name for setting in settings}
         for setting in settings:
             described = descriptor(setting)
@@ -47,7 +56,6 @@ def test_a_parameter_file_has_every_parameter_of_its_node_with_default_and_descr
             assert value == setting.of_ros(setting.default), 'the file must have the default values'
             assert described.description
             assert f'[{setting.unit}]' in described.description or not setting.unit
-        node.destroy_node()
 
 
 def test_the_layouts_show_topics_that_exist():
@@ -82,26 +90,15 @@ NAMES = [
 ]
 
 
-def takes(rclpy, file, namespace):
-    """Return whether a node named bridge in this namespace reads the file's parameter."""
-    arguments = ['--ros-args', '--params-file', str(file), '-r', f'__ns:={namespace}']
-    context = rclpy.Context()
-    rclpy.init(context=context, args=['bridge', *arguments])
-    node = rclpy.create_node('bridge', context=context)
-    try:
-        return 'port' in node._parameter_overrides
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
-
-
-def test_exactly_the_files_from_which_rclpy_reads_no_parameter_are_refused(ros, tmp_path):
+def test_exactly_the_files_from_which_rclpy_reads_no_parameter_are_refused(tmp_path):
     file = tmp_path / 'mine.yaml'
     for name in NAMES:
         file.write_text(f'{name}: {{ros__parameters: {{port: /nowhere}}}}' + '}' * name.count('{'))
         for namespace in ('/', '/lab1', '/a/b'):
             node = f'{namespace.rstrip("/")}/bridge'
-            if takes(ros, file, namespace):
+            with started('bridge', namespace, file) as bridge:
+                read = 'port' in bridge._parameter_overrides
+            if read:
                 refuse_untaken(str(file), node)
             else:
                 with pytest.raises(ParameterError, match=f'{file} has no effect: it contains parameters of /'):
