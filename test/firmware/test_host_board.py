@@ -30,29 +30,21 @@ def test_invalid_options_of_the_linux_program_are_refused_with_a_message(options
     assert (done.returncode, message in done.stderr) == (2, True), done.stderr
 
 
-@pytest.fixture
-def host_board(tmp_path):
-    """Starts the Linux program with options; returns its HELLO."""
+def hello_of(*options):
+    """Return the HELLO of the Linux program with these options."""
     need('cc', 'gcc')
-    started = []
-
-    def start(*options):
-        program = [made('host') / 'pendubot_board', '--rate', '1000', *options]
-        process = subprocess.Popen(program, stdout=subprocess.PIPE, text=True)
+    program = [made('host') / 'pendubot_board', '--rate', '1000', *options]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
         line = Line(process.stdout.readline().split()[-1])
-        started.append((process, line))
         line.write(encode(HelloRequest(1, 0)))
-        return line.events(10, lambda e: isinstance(e, Hello))[-1]
-
-    yield start
-    for process, line in started:
+        hello = line.events(10, lambda e: isinstance(e, Hello))[-1]
         line.close()
         process.terminate()
-        process.communicate(timeout=10)
+    return hello
 
 
-def test_the_linux_program_has_the_packages_limits_or_the_given_ones(host_board):
-    assert host_board().limits == LIMITS
-    hello = host_board('--preset', 'balance', '--limit', 'max_vbus=2500', '--limit', 'max_travel2=0')
+def test_the_linux_program_has_the_packages_limits_or_the_given_ones():
+    assert hello_of().limits == LIMITS
+    hello = hello_of('--preset', 'balance', '--limit', 'max_vbus=2500', '--limit', 'max_travel2=0')
     assert hello.limits == replace(LIMITS, stall_torque=1_920_000, max_vbus=2500, max_travel2=0)
     assert hello.torque_constant == 100_000
