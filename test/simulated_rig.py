@@ -211,12 +211,11 @@ def pulses(rng, samples, rate, strength, shortest, longest):
     return values[np.searchsorted(np.cumsum(held), np.arange(samples) / rate, side='right')]
 
 
-def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, held=(0.1, 0.5), begin=0.0, delay=0.0, step=STEP):
+def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, begin=0.0, delay=0.0, step=STEP):
     """Return one recording for each seed and rig.
 
-    ``counts``: of the encoders, per rig or for all; ``held``: shortest and longest time for which a torque is held [s];
-    ``begin``: time for which each rig ran before [s]; ``step``: of the integration [s]. ``held`` and ``step`` are
-    scaled to the time scale of the rig.
+    ``counts``: of the encoders, per rig or for all; ``begin``: time for which each rig ran before [s]; ``step``: of the
+    integration [s]. It and the time for which a torque is held, 0.1 to 0.5 s, are scaled to the time scale of the rig.
     """
     samples = round(seconds * rate)
     begin = np.broadcast_to(begin, len(seeds))
@@ -227,7 +226,7 @@ def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, held=(0.1, 0.5
     rngs = [np.random.default_rng([seed, 19]) for seed in seeds]
     e.unit = e.mass * e.length
     shapes = zip(rngs, STRENGTH * e.unit * e.strength, slowness, strict=True)
-    tau = np.array([pulses(rng, samples, rate, most, held[0] * s, held[1] * s) for rng, most, s in shapes])
+    tau = np.array([pulses(rng, samples, rate, most, 0.1 * s, 0.5 * s) for rng, most, s in shapes])
     hands, pushed = _pushed(rngs, e, seconds, h, samples * every)
     e.bodies = bodies(e.length, e.mass, e.loose * (begin < LOOSENED))
     e.geared = (e.backlash > 0) | (e.shaft > 0)
