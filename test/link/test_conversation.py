@@ -7,7 +7,7 @@ import random
 from collections import deque
 from dataclasses import dataclass, field
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.link.clock import MS
@@ -43,6 +43,7 @@ class Line:
         return data
 
 
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32),
     latency=st.sampled_from([1, 10, 40]),

@@ -20,8 +20,8 @@ from test.rig import ARMED, PATIENT, WATCHDOG
 pytestmark = pytest.mark.ros
 
 
-@pytest.mark.usefixtures('each_board')
-def test_samples_have_the_current_and_a_signal_disarms_the_bridge_for_good(rig):
+@pytest.mark.parametrize('each_board', ['c'], indirect=True)
+def test_samples_have_the_current_and_a_signal_disarms_the_bridge_for_good(rig, each_board):
     """Arming, clamping and the command timeout: test_lifecycle.py, test/link and the fault trial watchdog."""
     r = rig(200)
     r.start_board()

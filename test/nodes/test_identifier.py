@@ -96,7 +96,7 @@ def test_progress_is_published_and_also_a_result_that_cannot_be_written(ros, bag
 
 
 def test_an_identification_that_is_canceled_at_once_is_reported_as_canceled():
-    for _ in range(20):
+    for _ in range(5):
         computation = Computation()
         computation.stop()
         with pytest.raises(PendubotError, match='the identification was canceled'):
