@@ -37,9 +37,8 @@ def jitter(t, mean_us=80.0, seed=1):
     return np.random.default_rng(seed).exponential(1e-6 * mean_us, len(t))
 
 
-@pytest.mark.parametrize('start_us', [0, 2**32 - 2_000_000])
-def test_timestamps_are_free_of_jitter_and_of_the_counters_wrap(start_us):
-    error = run(BoardClock(), t := times(20), jitter(t), start_us=start_us)
+def test_timestamps_are_free_of_jitter_and_of_the_counters_wrap():
+    error = run(BoardClock(), t := times(20), jitter(t), start_us=2**32 - 2_000_000)
     assert np.abs(error[100:]).max() < 20
 
 
