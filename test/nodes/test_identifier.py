@@ -22,7 +22,7 @@ from test.processes import Program, parameters
 pytestmark = pytest.mark.ros
 
 #: Fast options, and the defaults of the options that tests change.
-USUAL = FAST | {'validate': [''], 'output': '', 'force': False}
+USUAL = FAST | {'validate': [''], 'output': '', 'force': False, 'negate': ''}
 WARN, ERROR = b'\x01', b'\x02'
 PROGRESS = 'identifier: progress'
 
@@ -171,3 +171,10 @@ def test_failures_are_published_and_answered_and_no_file_is_overwritten(bag, tmp
         assert sentence in status.message
     assert output.read_text() == 'mine'
     assert file.read_bytes() == before
+
+
+def test_an_unphysical_result_is_published_at_level_error(bag, client):
+    status, published, (_,) = client.identified(bag, negate='tau1')
+    assert status.level == ERROR
+    assert status.message.startswith('the effort has the wrong sign')
+    assert 'not physical: P1 = 0 is not positive' in published.values()
