@@ -37,7 +37,6 @@ class Identification:
         effects: unmodelled effects, the accepted ones first.
         unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None
             without the likelihood, or if the residual is at the quantization level.
-        uncorrected: the identification before the first correction of the recordings; None without one.
     """
 
     settings: Settings
@@ -50,7 +49,6 @@ class Identification:
     link_length: tuple[float, float]
     effects: tuple[DetectedEffect, ...] = ()
     unmodelled: Array | None = None
-    uncorrected: Identification | None = None
 
     @property
     def best(self) -> Estimate:

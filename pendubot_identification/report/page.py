@@ -50,8 +50,6 @@ def result_page(
     ``notes`` are the reasons for missing pictures, ``compared`` the predictions of both results by name, ``text`` the
     content of the result file for download.
     """
-    if result.uncorrected:
-        compared = {'as recorded': result.uncorrected.prediction, **(compared or {'corrected': result.prediction})}
     model = _rig(result, beside)
     files = {
         'parameters.csv': tables.numbers(result),

@@ -57,7 +57,7 @@ def identify_recordings(
         PendubotError: the recordings cannot be read or are not informative enough, and no correction applies.
     """
     requested = settings.reading.options()
-    remaining, uncorrected = CORRECTIONS if apply_remedies else 0, None
+    remaining = CORRECTIONS if apply_remedies else 0
     while True:
         applied = settings.applied
         notes = [f'applied corrections of the recordings: {" ".join(applied)}'] if applied else []
@@ -67,8 +67,7 @@ def identify_recordings(
                 found = identify(data.training, data.validation, settings, progress, [*data.notes, *notes])
             corrected = corrected_conversion(found.faults)
             if corrected is None or not remaining:
-                return assemble_result(replace(found, uncorrected=uncorrected), data.sources), data
-            uncorrected = uncorrected or found
+                return assemble_result(found, data.sources), data
         except PendubotError as error:
             if not (remaining and error.remedy):
                 raise
@@ -162,8 +161,7 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         tree.Result,
         answers[best.criterion],
         not_covered=best.not_covered,
-        faults=_faults(found),
-        uncorrected=None if found.uncorrected is None else _uncorrected(found.uncorrected),
+        faults=[_entry(tree.DataFault, fault) for fault in found.faults],
         effects=[_entry(tree.ReportedEffect, effect) for effect in found.effects],
         unmodelled=known(found.unmodelled),
         advice=list(best.advice),
@@ -194,18 +192,6 @@ def _entry(kind: type[T], source: object, **others: Any) -> T:
     """Return an entry of the result with the source's attributes of the same names; ``others`` take precedence."""
     names = {f.name for f in fields(kind)} - others.keys()  # type: ignore[arg-type]
     return kind(**{name: known(getattr(source, name)) for name in names}, **others)
-
-
-def _faults(found: Identification) -> list[tree.DataFault]:
-    return [_entry(tree.DataFault, fault, corrected=known(fault.corrected)) for fault in found.faults]
-
-
-def _uncorrected(found: Identification) -> tree.Uncorrected:
-    best = found.best
-    prediction = predicted(best.prediction, found.validation)
-    return tree.Uncorrected(
-        level=best.level, faults=_faults(found), parameters=_parameters(best), prediction=prediction
-    )
 
 
 def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:

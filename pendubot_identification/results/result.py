@@ -147,16 +147,6 @@ class Predicted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Uncorrected:
-    """The result of the same recordings before the first correction was applied."""
-
-    level: Level
-    faults: list[DataFault]
-    parameters: dict[str, Parameter]
-    prediction: Predicted
-
-
-@dataclass(frozen=True, kw_only=True)
 class LinkLength:
     """Length of link 1: P3 / P5 by the elbow's equation of motion, and the measured value."""
 
@@ -269,7 +259,6 @@ class Result(PartialResult):
     bags: list[Source] = field()
     consequences: list[str]  #: further findings that follow from a severe fault.
     faults: list[DataFault]
-    uncorrected: Uncorrected | None  #: the result before ``made_by.applied``; None if nothing was applied.
     unmodelled: list[float | None] | None  #: unexplained fraction of the innovation variance of shoulder and elbow.
     advice: list[str]
     not_in_model: list[str]  #: parameters without influence on this rig, and the reason.

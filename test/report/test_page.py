@@ -8,7 +8,6 @@ import html
 import io
 import re
 import shlex
-from dataclasses import replace
 from html.parser import HTMLParser
 from urllib.parse import unquote
 
@@ -18,16 +17,12 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.identification.settings import Settings
-from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.report.page import result_page, write_report
 from pendubot_identification.report.tables import STATES
 from pendubot_identification.results import provenance
-from pendubot_identification.results.computation import identify_recordings
 from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import PartialResult, Result, read_complete_result, result_text, structured
-from pendubot_identification.results.result import plain as plain_of
-from test.identified import SOURCE, identified, made, plain
+from test.identified import identified, made, plain
 from test.identified import result as typed
 from test.report.pictures import every_picture, motion, pictures, swing
 
@@ -212,28 +207,6 @@ def test_a_reference_is_shown_with_its_prediction_errors_on_the_same_data(tmp_pa
         assert after == pytest.approx(found.best.prediction.fit[2][list(STATES).index(state)], abs=0.051)
         assert before == pytest.approx(other.prediction.fit[state][2], abs=0.3), 'except for the delay, 10 us'
     assert any(row.split() == ['by', 'hand', 'identified'] for row in page.rows)
-
-
-def test_a_corrected_recording_is_compared_with_the_uncorrected_one():
-    good, bag = made(), swing()
-    reversed_effort = replace(bag, tau=-bag.tau)
-
-    def load(conversion):
-        read = conversion.motion(reversed_effort.t, reversed_effort.q, reversed_effort.tau, None, 'swing')
-        return Datasets((read[:400],), (read[400:800],), (SOURCE,), ())
-
-    result, _ = identify_recordings(load, Settings(('weak',), 'viscous', 'lsq'), apply_remedies=True)
-    assert result.parameters['P1'].value == pytest.approx(good.parameters['P1'].value, rel=0.01)
-    assert structured(Result, plain_of(result), 'test') == result
-    page = Page(result_page(result, []))
-    before, after = (float(text) for text in page.row('error', 'after', '0.5')[-2:])
-    assert after == pytest.approx(result.prediction.error[2], abs=6e-4)
-    assert before == pytest.approx(result.uncorrected.prediction.error[2], abs=6e-4)
-    assert before > 10 * after
-    text = ' '.join(' '.join(page.text).split())
-    assert re.search(r'has the wrong sign: the model does not explain \d\S* % of the squared effort before', text), text
-    assert 'gave level ERROR' in text
-    assert '--negate tau1,tau2' in text
 
 
 def test_warnings_are_at_the_top_of_the_page():
