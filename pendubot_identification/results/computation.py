@@ -196,7 +196,7 @@ def _entry(kind: type[T], source: object, **others: Any) -> T:
 
 def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
     """Return the entry of one criterion's estimate."""
-    quadratic, effort = math.isfinite(e.J_exact), e.effort
+    effort = e.effort
     search = None
     if e.runs is not None:
         how, runs = found.settings.search(e.criterion, e.model)
@@ -214,12 +214,10 @@ def _answer(e: Estimate, found: Identification) -> tree.CriterionAnswer:
         J=tree.CriterionValue(
             unit=UNITS_OF_J[e.criterion],
             training=known(e.J),
-            training_runs=known(e.J_runs if quadratic else [e.J]),
+            training_runs=known(e.J_runs if math.isfinite(e.J_exact) else [e.J]),
             least_squares=known(e.J_exact),
-            runs_at_least_squares=e.runs_at_minimum if quadratic and e.runs is not None else None,
             residuals=known(e.residuals),
             validation=known(e.J_validation),
-            validation_runs=known(e.J_validation_runs),
         ),
         prediction=predicted(e.prediction, found.validation),
         zeros=_zeros(e),

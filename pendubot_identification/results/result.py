@@ -94,7 +94,6 @@ class ReportedEffect:
     gain: float | None
     z: float | None
     accepted: bool
-    moved: list[float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,10 +127,8 @@ class CriterionValue:
     training: float | None
     training_runs: list[float | None]
     least_squares: float | None
-    runs_at_least_squares: int | None
     residuals: int
     validation: float | None
-    validation_runs: list[float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,8 +178,6 @@ class CriterionAnswer:
     condition_number: float | None
     unexplained: float | None
     zeros: list[ZeroError]
-    exact: bool
-    converged: bool
     steps: list[str]
     mde: Search | None
     uncertainty: str
