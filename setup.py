@@ -25,10 +25,9 @@ def kernel(name, *flags):
         [f'{NAME}/{source}.c' for source in ('model/rollout', 'model/filter', 'optimizers/mde')],
         extra_compile_args=[
             *('-std=gnu11', '-O3', '-ffp-contract=off', '-fno-math-errno', '-fno-trapping-math'),
-            *('-fvisibility=hidden', '-Wno-psabi', '-pthread', *flags),
+            *('-fvisibility=hidden', '-Wno-psabi', *flags),
         ],
         depends=[f'{NAME}/model/motion.h'],
-        extra_link_args=['-pthread'],
         libraries=['m'],
         optional=True,
     )

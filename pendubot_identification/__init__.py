@@ -6,7 +6,7 @@
 Scripts and notebooks import the names of :mod:`.api` from here; __init__.pyi lists them for type checkers.
 """
 
-from os import environ
+import os
 from typing import Any
 
 from . import kernel
@@ -32,8 +32,9 @@ __all__ = [
     'sweep',
 ]
 
-kernel.wanted = environ.get('PENDUBOT_KERNEL', 'on') != 'off'
-kernel.threads = int(given) if (given := environ.get('PENDUBOT_THREADS', '')).isdecimal() else 0
+kernel.wanted = os.environ.get('PENDUBOT_KERNEL', 'on') != 'off'
+kernel.threads = int(given) if (given := os.environ.get('PENDUBOT_THREADS', '')).isdecimal() else 0
+kernel.cores = len(os.sched_getaffinity(0)) if hasattr(os, 'sched_getaffinity') else os.cpu_count() or 1
 
 
 def __getattr__(name: str) -> Any:

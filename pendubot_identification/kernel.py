@@ -10,18 +10,22 @@ the same results more slowly.
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Version of the kernel's functions; a library of another version is not used.
-VERSION = 8
+VERSION = 9
+#: Number of lanes of a block of work; least work of a thread [ns].
+BLOCK = 8
+WORTH_A_THREAD = 3e5
 
 #: Settings from the environment: whether to use the kernel, and its largest number of threads (0: one on each core that
 #: this process may use). Results do not depend on the number of threads.
 wanted = True
 threads = 0
+cores = 1
 
 
 def library() -> CDLL | None:
@@ -58,13 +62,24 @@ def opened(name: str) -> CDLL | None:
         if kernel.pendubot_version() != VERSION:
             return None
         sizes, pointer = c_int64, c_void_p
-        kernel.pendubot_roll.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
+        kernel.pendubot_roll.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
         kernel.pendubot_sensitivities.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
-        kernel.pendubot_filter.argtypes = [sizes, pointer]
+        kernel.pendubot_filter.argtypes = [sizes, sizes, pointer]
         kernel.pendubot_mde.argtypes = [pointer, sizes, *[pointer] * 7]
         kernel.pendubot_mde.restype = c_int64
-        for function in ('roll', 'sensitivities', 'filter'):
-            getattr(kernel, f'pendubot_{function}').restype = None
     except (OSError, AttributeError):
         return None  # built for another processor, or of another version
     return kernel
+
+
+def share(function: Any, blocks: int, nanoseconds: float, *arguments: Any) -> None:
+    """Call ``function(begin, end, *arguments)`` for all blocks of work, which take ``nanoseconds`` each, on threads."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    parts = max(1, min(threads or cores, blocks, int(blocks * nanoseconds / WORTH_A_THREAD)))
+    if parts == 1:
+        function(0, blocks, *arguments)
+        return
+    edges = [blocks * k // parts for k in range(parts + 1)]
+    with ThreadPoolExecutor(parts) as pool:
+        list(pool.map(lambda begin, end: function(begin, end, *arguments), edges, edges[1:]))

@@ -26,9 +26,6 @@ from pendubot_identification.arrays import Array, Indices
 
 from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED
 
-#: Largest number of terms in filter.c.
-MOST_TERMS = 256
-
 
 class TermKind(IntEnum):
     """An additional torque, as a function of the angle q and speed v of its joint; numbered as in filter.c."""
@@ -54,8 +51,7 @@ class Term:
 
     def torque(self, q: Array, v: Array, elapsed: float) -> Array:
         """Return the torque per unit of its coefficient at angles [rad] and speeds [rad/s], with the default width."""
-        width = np.full_like(v, SIGN_WIDTH)
-        return _term(self.kind, self.number, q, v, np.tanh(v / width), width, np.array(elapsed))[0]
+        return _term(self.kind, self.number, q, v, np.tanh(v / SIGN_WIDTH), np.array(SIGN_WIDTH), np.array(elapsed))[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,19 +107,6 @@ class Vectors:
     coefficient: Array
     table: Indices
 
-    @classmethod
-    def of(cls, theta: Array, noise: Array, offset: Array | None = None, terms: int = 0) -> Vectors:
-        """Return vectors without effects, from theta (14, L) and noise (K, 4, L)."""
-        lanes = theta.shape[1]
-        return cls(
-            theta=theta,
-            offset=np.zeros((2, lanes)) if offset is None else offset,
-            noise=noise,
-            width=np.full((2, lanes), SIGN_WIDTH),
-            coefficient=np.zeros((terms, lanes)),
-            table=np.zeros(lanes, dtype=np.int64),
-        )
-
 
 class _Work(ctypes.Structure):
     """The struct Filter of filter.c."""
@@ -145,7 +128,7 @@ def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()
     """
     lanes = vectors.theta.shape[1]
     e, s = (np.empty((samples.measurements, 2, lanes)) for _ in range(2))
-    if (library := compiled.library()) is None or len(terms) > MOST_TERMS:
+    if (library := compiled.library()) is None:
         with np.errstate(all='ignore'):
             _Filter(samples, vectors, terms).run(e, s)
         return e, s
@@ -164,7 +147,8 @@ def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()
     work = _Work(lanes, groups, steps, len(terms), len(samples.tau))
     for name, array in numbers.items():
         setattr(work, name, array.ctypes.data)
-    library.pendubot_filter(compiled.threads, ctypes.addressof(work))
+    blocks = groups * -(-lanes // compiled.BLOCK)
+    compiled.share(library.pendubot_filter, blocks, 500.0 * steps, ctypes.addressof(work))
     return e, s
 
 

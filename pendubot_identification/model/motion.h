@@ -1,28 +1,22 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* Common parts of rollout.c and filter.c: the equations of motion of dynamics.py on SIMD vectors, elementary functions,
- * and threads.
+/* Common parts of rollout.c and filter.c: elementary functions and the equations of motion of dynamics.py on SIMD vectors.
  *
  * Plain C without Python.h, called through ctypes. Compiled without contraction, so that every processor gives the same
  * numbers.
  */
 #ifndef PENDUBOT_MOTION_H
 #define PENDUBOT_MOTION_H
-#define _GNU_SOURCE
-#include <pthread.h>
-#include <sched.h>
 #include <stdint.h>
 #include <string.h>
-#include <unistd.h>
 
-#define EXPORT __attribute__((visibility("default")))
 #define INLINE static inline __attribute__((always_inline))
 
-/* The loops are compiled with and without AVX2; the loader selects the version for the processor. */
+/* Exported loops are compiled with and without AVX2; the loader selects the version for the processor. */
 #if !defined(__x86_64__) || !defined(__GLIBC__) || !defined(__GNUC__) || defined(__clang__) || defined(__AVX2__)
-#define LOOP static
+#define EXPORT __attribute__((visibility("default")))
 #else
-#define LOOP static __attribute__((target_clones("avx2", "default")))
+#define EXPORT __attribute__((visibility("default"), target_clones("avx2", "default")))
 #endif
 
 /* A vector of eight is one register of AVX-512. Without AVX-512 it would take three times as long, because the compiler
@@ -32,6 +26,7 @@
 #else
 #define LANES 4
 #endif
+#define BLOCK 8 /* lanes of one part of the work: a multiple of LANES */
 typedef double vec __attribute__((vector_size(8 * LANES)));
 typedef int64_t ints __attribute__((vector_size(8 * LANES)));
 
@@ -102,57 +97,125 @@ INLINE vec tangent_hyperbolic(vec x)
 #define GRAVITY 9.81
 #define SIGN_WIDTH 0.05
 #define STRIBECK_SPEED 0.5
-#define LARGEST_MODEL 14
-#define COLUMNS (4 + LARGEST_MODEL) /* derivatives by the initial state and theta */
-#define TOGETHER 16 /* blocks of lanes with a common loop over the steps, so that their results are adjacent */
+#define PARAMETERS 14
+
+/* Kinds of terms, torques at a joint per unit of their coefficients; numbered as filter.TermKind. */
+enum { CONSTANT, ANGLE, DRAG, DIRECTION, VISCOUS_DRIFT, COULOMB_DRIFT, SINE, COSINE, CREEP };
 
 typedef struct {
-    int64_t size; /* D: 7, 9, 10 or 14 */
-    vec p[LARGEST_MODEL];
-    vec sharpness[2]; /* 1 / width of the change of sign of dry friction, each joint [s/rad] */
-    vec extra[2];     /* additional torques [N m] */
-} Theta;
+    int64_t kind, joint;
+    double number; /* repetitions per turn, or a speed */
+    vec coefficient;
+} Term;
 
-/* The accelerations at one state, and terms that their derivatives also need. */
+typedef struct {
+    vec p[PARAMETERS];
+    vec sharpness[2]; /* 1 / width of the change of sign of dry friction, each joint [s/rad] */
+    vec torque[2];
+    int64_t terms;
+    const Term *term;
+    double elapsed; /* fraction of the total duration */
+} Rig;
+
+/* The accelerations at one state, and what their derivatives also need. */
 typedef struct {
     vec c1, s1, c2, s2, c12, s12;
-    vec m11, m12, m22, inverse;
+    vec i11, i12, i22; /* M^-1 = (i11, -i12; -i12, i22) */
     vec dry[2], sign[2], stribeck[2];
+    vec extra[2], by_q[2], by_v[2]; /* torques of all terms, and their derivatives by angle and speed of the joint */
     vec coriolis, a1, a2;
 } Point;
 
-/* Only derivatives need the sines of q1 and q1 + q2: elsewhere the compiler omits them. */
-INLINE void accelerate(const Theta *theta, vec q1, vec q2, vec v1, vec v2, vec t1, vec t2, Point *at)
+INLINE void add_terms(const Rig *rig, const vec x[4], Point *at)
 {
-    const vec *p = theta->p;
-    vec f1 = p[5] * v1, f2 = p[6] * v2;
-    sine_cosine(q2, &at->s2, &at->c2);
-    sine_cosine(q1, &at->s1, &at->c1);
-    at->s12 = at->s1 * at->c2 + at->c1 * at->s2, at->c12 = at->c1 * at->c2 - at->s1 * at->s2;
-    at->m11 = p[0] + p[1] + 2.0 * p[2] * at->c2;
-    at->m12 = p[1] + p[2] * at->c2;
-    at->m22 = p[1] + p[9];
-    if (theta->size >= 9) {
-        at->dry[0] = p[7], at->dry[1] = p[8];
-        at->sign[0] = tangent_hyperbolic(v1 * theta->sharpness[0]);
-        at->sign[1] = tangent_hyperbolic(v2 * theta->sharpness[1]);
-        if (theta->size >= 14) {
-            vec x1 = v1 * (1.0 / STRIBECK_SPEED), x2 = v2 * (1.0 / STRIBECK_SPEED);
-            at->stribeck[0] = exponential(-(x1 * x1));
-            at->stribeck[1] = exponential(-(x2 * x2));
-            at->dry[0] = at->dry[0] + p[10] * at->stribeck[0] + p[12] * magnitude(t1);
-            at->dry[1] = at->dry[1] + p[11] * at->stribeck[1] + p[13] * magnitude(t2);
+    for (int j = 0; j < 2; j++)
+        at->extra[j] = at->by_q[j] = at->by_v[j] = all(0.0);
+    for (const Term *t = rig->term; t < rig->term + rig->terms; t++) {
+        int64_t j = t->joint;
+        vec q = x[j], v = x[2 + j], value, dq = {}, dv = {}, s, o;
+        double n = t->number;
+        vec sign = tangent_hyperbolic(v * rig->sharpness[j]), slope = (1.0 - sign * sign) * rig->sharpness[j];
+        switch (t->kind) {
+        case ANGLE: value = q, dq = all(1.0); break;
+        case DRAG: value = v * magnitude(v), dv = 2.0 * magnitude(v); break;
+        case DIRECTION: value = magnitude(sign), dv = either(v < 0.0, -slope, slope); break;
+        case VISCOUS_DRIFT: value = rig->elapsed * v, dv = all(rig->elapsed); break;
+        case COULOMB_DRIFT: value = rig->elapsed * sign, dv = rig->elapsed * slope; break;
+        case SINE: sine_cosine(n * q, &s, &o), value = s, dq = n * o; break;
+        case COSINE: sine_cosine(n * q, &s, &o), value = o, dq = -n * s; break;
+        case CREEP:
+            o = exponential(-(v * v) * (1.0 / (n * n)));
+            value = sign * o, dv = (slope - sign * v * (2.0 / (n * n))) * o;
+            break;
+        default: value = all(1.0);
         }
-        f1 += at->dry[0] * at->sign[0];
-        f2 += at->dry[1] * at->sign[1];
+        vec c = t->coefficient;
+        at->extra[j] += c * value, at->by_q[j] += c * dq, at->by_v[j] += c * dv;
     }
-    at->coriolis = at->s2 * v2 * (2.0 * v1 + v2);
+}
+
+/* The accelerations at the state x = (q1, q2, v1, v2). Only derivatives need the sines of q1 and q1 + q2: elsewhere the
+ * compiler omits them. */
+INLINE void accelerate(const Rig *rig, const vec x[4], Point *at)
+{
+    const vec *p = rig->p;
+    vec v1 = x[2], v2 = x[3], h[2];
+    sine_cosine(x[1], &at->s2, &at->c2);
+    sine_cosine(x[0], &at->s1, &at->c1);
+    at->s12 = at->s1 * at->c2 + at->c1 * at->s2, at->c12 = at->c1 * at->c2 - at->s1 * at->s2;
+    add_terms(rig, x, at);
+    for (int j = 0; j < 2; j++) {
+        vec v = x[2 + j], slow = v * (1.0 / STRIBECK_SPEED);
+        at->sign[j] = tangent_hyperbolic(v * rig->sharpness[j]);
+        at->stribeck[j] = exponential(-(slow * slow));
+        at->dry[j] = p[7 + j] + p[10 + j] * at->stribeck[j] + p[12 + j] * magnitude(rig->torque[j]);
+        h[j] = rig->torque[j] + at->extra[j] - (p[5 + j] * v + at->dry[j] * at->sign[j]);
+    }
     vec g2 = p[4] * GRAVITY * at->c12;
-    vec h1 = t1 + theta->extra[0] - f1 + p[2] * at->coriolis - p[3] * GRAVITY * at->c1 - g2;
-    vec h2 = t2 + theta->extra[1] - f2 - p[2] * at->s2 * v1 * v1 - g2;
-    at->inverse = 1.0 / (at->m11 * at->m22 - at->m12 * at->m12);
-    at->a1 = (at->m22 * h1 - at->m12 * h2) * at->inverse;
-    at->a2 = (at->m11 * h2 - at->m12 * h1) * at->inverse;
+    at->coriolis = at->s2 * v2 * (2.0 * v1 + v2);
+    h[0] = h[0] + p[2] * at->coriolis - p[3] * GRAVITY * at->c1 - g2;
+    h[1] = h[1] - p[2] * at->s2 * v1 * v1 - g2;
+    vec m11 = p[0] + p[1] + 2.0 * p[2] * at->c2, m12 = p[1] + p[2] * at->c2, m22 = p[1] + p[9];
+    vec inverse = 1.0 / (m11 * m22 - m12 * m12);
+    at->i11 = m22 * inverse, at->i12 = m12 * inverse, at->i22 = m11 * inverse;
+    at->a1 = (m22 * h[0] - m12 * h[1]) * inverse;
+    at->a2 = (m11 * h[1] - m12 * h[0]) * inverse;
+}
+
+/* The accelerations' derivatives by the state: M da = dh - dM a for M a = h. */
+INLINE void by_state(const Rig *rig, const Point *at, const vec x[4], vec a[2][4])
+{
+    const vec *p = rig->p;
+    vec v1 = x[2], v2 = x[3], g12 = p[4] * GRAVITY * at->s12, slope[2];
+    for (int j = 0; j < 2; j++)
+        slope[j] = p[5 + j] + at->dry[j] * (1.0 - at->sign[j] * at->sign[j]) * rig->sharpness[j]
+            - p[10 + j] * at->stribeck[j] * at->sign[j] * x[2 + j] * (2.0 / (STRIBECK_SPEED * STRIBECK_SPEED))
+            - at->by_v[j];
+    vec h1[4] = {p[3] * GRAVITY * at->s1 + g12 + at->by_q[0],
+        p[2] * (at->c2 * v2 * (2.0 * v1 + v2) + at->s2 * (2.0 * at->a1 + at->a2)) + g12,
+        2.0 * p[2] * at->s2 * v2 - slope[0], 2.0 * p[2] * at->s2 * (v1 + v2)};
+    vec h2[4] = {g12, p[2] * (at->s2 * at->a1 - at->c2 * v1 * v1) + g12 + at->by_q[1], -2.0 * p[2] * at->s2 * v1, -slope[1]};
+    for (int k = 0; k < 4; k++)
+        a[0][k] = at->i11 * h1[k] - at->i12 * h2[k], a[1][k] = at->i22 * h2[k] - at->i12 * h1[k];
+}
+
+/* Advance the state by one classic Runge-Kutta step; `at`: the point of the state. */
+INLINE void runge_kutta(const Rig *rig, double h, vec x[4], Point at)
+{
+    vec y[4] = {x[0], x[1], x[2], x[3]}, k1[4], k2[4], sum1 = {}, sum2 = {};
+    for (int stage = 0; stage < 4; stage++) {
+        if (stage > 0)
+            accelerate(rig, y, &at);
+        double part = stage < 2 ? h / 2 : h;
+        k1[stage] = at.a1, k2[stage] = at.a2;
+        if (stage < 3)
+            sum1 += at.a1, sum2 += at.a2;
+        y[0] = x[0] + part * y[2], y[1] = x[1] + part * y[3];
+        y[2] = x[2] + part * at.a1, y[3] = x[3] + part * at.a2;
+    }
+    x[0] += h * (x[2] + h / 6 * sum1), x[1] += h * (x[3] + h / 6 * sum2);
+    x[2] += h / 6 * (k1[0] + 2.0 * (k1[1] + k1[2]) + k1[3]);
+    x[3] += h / 6 * (k2[0] + 2.0 * (k2[1] + k2[2]) + k2[3]);
 }
 
 INLINE vec load(const double *from, int64_t count)
@@ -168,69 +231,6 @@ INLINE void store(double *to, vec x, int64_t count)
         memcpy(to, &x, sizeof(x));
     else
         memcpy(to, &x, count * sizeof(double));
-}
-
-INLINE vec gather(const double *from, const int64_t *index)
-{
-    vec x;
-    for (int w = 0; w < LANES; w++)
-        x[w] = from[index[w]];
-    return x;
-}
-
-/* ---- Several cores ---- */
-
-#define MOST_THREADS 64
-/* Least work of a thread [ns]. */
-#define WORTH_A_THREAD 100000.0
-
-/* A loop over the blocks of work from `first` to `end` - 1. */
-typedef void Loop(const void *work, int64_t first, int64_t end);
-
-typedef struct {
-    Loop *loop;
-    const void *work;
-    int64_t first, end;
-} Part;
-
-static inline void *do_part(void *argument)
-{
-    Part *part = argument;
-    part->loop(part->work, part->first, part->end);
-    return NULL;
-}
-
-/* The number of cores that this process may use. */
-static inline int64_t cores(void)
-{
-#ifdef CPU_COUNT
-    cpu_set_t set;
-    if (!sched_getaffinity(0, sizeof(set), &set))
-        return CPU_COUNT(&set);
-#endif
-    return sysconf(_SC_NPROCESSORS_ONLN);
-}
-
-/* Do all blocks, which take `nanoseconds` each, on at most `threads` threads, including this one; 0: one per core. The
- * result does not depend on the number of threads. */
-static inline void share(Loop *loop, const void *work, int64_t blocks, double nanoseconds, int64_t threads)
-{
-    int64_t started = 0;
-    int64_t worth = nanoseconds * blocks / WORTH_A_THREAD, most = blocks < worth ? blocks : worth;
-    threads = threads || most < 2 ? threads : cores();
-    threads = threads < most ? threads : most;
-    threads = threads < 1 ? 1 : threads < MOST_THREADS ? threads : MOST_THREADS;
-    Part parts[MOST_THREADS];
-    pthread_t others[MOST_THREADS];
-    for (int64_t i = threads - 1; i >= 0; i--) {
-        parts[i] = (Part){loop, work, i * blocks / threads, (i + 1) * blocks / threads};
-        if (i > 0 && !pthread_create(&others[started], NULL, do_part, &parts[i]))
-            started++;
-        else
-            do_part(&parts[i]);
-    }
-    while (started > 0)
-        pthread_join(others[--started], NULL);
 }
 
 #endif

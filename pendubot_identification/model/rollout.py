@@ -7,6 +7,7 @@ The compiled kernel is used if it was built, otherwise numpy; their results agre
 array holds the simulations, called lanes. The time per lane is shortest with many lanes.
 """
 
+import math
 from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
@@ -16,10 +17,11 @@ import numpy as np
 from pendubot_identification import kernel as compiled
 from pendubot_identification.arrays import Array
 
+from . import MODELS
 from .dynamics import acceleration_derivatives, accelerations
 
-#: Lanes times steps that numpy linearises together, so that the arrays fit into the cache of the processor.
-CHUNK = 2048
+#: Number of parameters in the kernel.
+SIZE = MODELS['geared']
 
 
 def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
@@ -32,21 +34,33 @@ def roll(theta: Array, state: Array, tau: Array, step: float) -> Array:
         States, shape (K + 1, 4, L) or (K + 1, 4, V, L). A simulation that diverges gives NaN or infinity,
         without a warning.
     """
-    lanes = np.broadcast_shapes(theta.shape[1:], state.shape[1:])
-    states = np.empty((tau.shape[1] + 1, 4, *lanes))
+    lanes, steps = np.broadcast_shapes(theta.shape[1:], state.shape[1:]), tau.shape[1]
+    states = np.empty((steps + 1, 4, *lanes))
+    if theta.ndim == 1:
+        theta = theta[:, None]
+    else:
+        state, tau = state[:, None], tau[:, :, None]
     if (kernel := compiled.library()) is not None:
-        vectors = 1 if theta.ndim == 1 else theta.shape[1]
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, state, tau)]
-        pointers = [a.ctypes.data for a in (*arrays, states)]
-        kernel.pendubot_roll(compiled.threads, len(theta), vectors, state.shape[1], tau.shape[1], step, *pointers)
+        count = math.prod(lanes)
+        wide = [np.broadcast_to(_padded(theta), (SIZE, *lanes)), np.broadcast_to(state, (4, *lanes))]
+        wide.append(np.broadcast_to(tau, (2, steps, *lanes)))
+        arrays = [*(np.ascontiguousarray(each, dtype=float) for each in wide), states]
+        pointers = (each.ctypes.data for each in arrays)
+        blocks = -(-count // compiled.BLOCK)
+        compiled.share(kernel.pendubot_roll, blocks, 150.0 * steps, count, steps, step, *pointers)
         return states
-    states[0] = state if theta.ndim == 1 else state[:, None]
+    states[0] = state
     with np.errstate(all='ignore'):
         x: tuple[Any, ...] = tuple(states[0])
-        for k in range(tau.shape[1]):
+        for k in range(steps):
             x = advance(tuple(theta), x, tau[:, k], step, np)
             states[k + 1] = x
     return states
+
+
+def _padded(theta: Array) -> Array:
+    """Return the parameters of the largest model, shape (14, ...)."""
+    return np.concatenate([theta, np.zeros((SIZE - len(theta), *theta.shape[1:]))])
 
 
 def advance(theta: Sequence[Any], x: Sequence[Any], tau: Any, h: float, lib: ModuleType) -> tuple[Any, ...]:
@@ -79,46 +93,32 @@ def sensitivities(theta: Array, states: Array, tau: Array, step: float, every: i
         shape (K // every + 1, 4, 4 + D, L).
     """
     _, steps, lanes = tau.shape
-    size = 4 + len(theta)
     if (kernel := compiled.library()) is not None:
-        result = np.empty((steps // every + 1, 4, size, lanes))
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in (theta, states, tau)]
-        pointers = [a.ctypes.data for a in (*arrays, result)]
-        kernel.pendubot_sensitivities(compiled.threads, len(theta), lanes, steps, every, step, *pointers)
-        return result
-    result = np.zeros((steps + 1, 4, size, lanes))
+        result = np.empty((steps // every + 1, 4, 4 + SIZE, lanes))
+        arrays = [*(np.ascontiguousarray(each, dtype=float) for each in (_padded(theta), states, tau)), result]
+        pointers = (each.ctypes.data for each in arrays)
+        blocks = -(-lanes // compiled.BLOCK)
+        compiled.share(kernel.pendubot_sensitivities, blocks, 500.0 * steps, lanes, steps, every, step, *pointers)
+        return result[:, :, : 4 + len(theta)]
+    result = np.zeros((steps + 1, 4, 4 + len(theta), lanes))
     result[0, range(4), range(4)] = 1.0
-    together = max(1, CHUNK // max(lanes, 1))
     with np.errstate(all='ignore'):
-        # First the derivative of every single step by the state before it and theta, for many steps at once ...
-        for start in range(0, steps, together):
-            part = slice(start, min(start + together, steps))
-            x, torques = np.moveaxis(states[part], 1, 0).reshape(4, -1), tau[:, part].reshape(2, -1)
-            single = _step_sensitivity(theta, x, torques, step)
-            result[1:][part] = np.moveaxis(single.reshape(4, size, -1, lanes), 2, 0)
-        # ... then the chain rule, from step to step.
-        by_state = result[:, :, :4].copy()
-        result[2:, :, :4] = 0.0
-        for k in range(2, steps + 1):
-            result[k] += np.matmul(by_state[k], result[k - 1], axes=[(0, 1), (0, 1), (0, 1)])
+        for k in range(steps):
+            result[k + 1] = _step_sensitivity(theta, states[k], result[k], tau[:, k], step)
     return result[::every]
 
 
-def _step_sensitivity(theta: Array, x: Array, tau: Array, h: float) -> Array:
-    """Return the derivative of the state after one step by the state before it and theta, shape (4, 4 + D, L)."""
+def _step_sensitivity(theta: Array, x: Array, dx: Array, tau: Array, h: float) -> Array:
+    """Return the derivatives of the state after a step from x, whose derivatives are dx, shape (4, 4 + D, L)."""
 
     def accelerated(q: Array, v: Array, dq: Array, dv: Array) -> tuple[Array, Array]:
         a, by = acceleration_derivatives(theta, q, v, tau)
-        da = by[:, 0, None] * dq[0]
-        da += by[:, 1, None] * dq[1]
-        da += by[:, 2, None] * dv[0]
-        da += by[:, 3, None] * dv[1]
+        da = by[:, 0, None] * dq[0] + by[:, 1, None] * dq[1] + by[:, 2, None] * dv[0] + by[:, 3, None] * dv[1]
         da[:, 4:] += by[:, 4:]
         return a, da
 
-    q, v, half = x[:2], x[2:], h / 2
-    dq, dv = np.split(np.eye(4, 4 + len(theta))[:, :, None], 2)
-    a1, d1 = acceleration_derivatives(theta, q, v, tau)
+    q, v, dq, dv, half = x[:2], x[2:], dx[:2], dx[2:], h / 2
+    a1, d1 = accelerated(q, v, dq, dv)
     v2, dv2 = v + half * a1, dv + half * d1
     a2, d2 = accelerated(q + half * v, v2, dq + half * dv, dv2)
     v3, dv3 = v + half * a2, dv + half * d2

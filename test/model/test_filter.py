@@ -10,8 +10,8 @@ import pytest
 from scipy.linalg import expm
 
 from pendubot_identification import kernel
-from pendubot_identification.model.dynamics import GRAVITY
-from pendubot_identification.model.filter import MOST_TERMS, Samples, Term, TermKind, Vectors, innovations
+from pendubot_identification.model.dynamics import GRAVITY, SIGN_WIDTH
+from pendubot_identification.model.filter import Samples, Term, TermKind, Vectors, innovations
 from pendubot_identification.model.rollout import roll
 from test.model.paths import both_paths, path
 from test.virtual import GEARED
@@ -56,6 +56,12 @@ def vectors(lanes=6, tables=2, terms=TERMS, seed=1):
         coefficient=rng.normal(scale=0.02, size=(len(terms), lanes)) * (rng.random((len(terms), lanes)) < 0.5),
         table=rng.integers(tables, size=lanes),
     )
+
+
+def ideal(theta, noise):
+    """Return vectors without offsets and terms, from theta (14, L) and noise (K, 4, L)."""
+    none = np.zeros((2, theta.shape[1]))
+    return Vectors(theta, none, noise, none + SIGN_WIDTH, none[:0], none[0].astype(int))
 
 
 def both(*arguments):
@@ -120,17 +126,11 @@ def test_results_do_not_depend_on_the_processor(monkeypatch):
     np.testing.assert_array_equal(*found)
 
 
-def test_numpy_computes_more_terms_than_the_kernel_supports():
-    terms = (TERMS * (MOST_TERMS // len(TERMS) + 1))[: MOST_TERMS + 1]
-    for a, b in zip(*both(samples(steps=8, groups=1), vectors(1, terms=terms), terms), strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
 def test_without_torque_noise_the_mean_is_a_rollout_of_the_model():
     read = samples(groups=1, steps=50, every=50, tables=1, h=0.002)
     read = replace(read, h=np.full((1, 50), 0.002), spread=np.zeros((1, 4)))
     noise = np.array([1e-10, 1e-10, 0, 0])[:, None]
-    unknown = Vectors.of(GEARED[:, None], np.stack([noise, noise]))
+    unknown = ideal(GEARED[:, None], np.stack([noise, noise]))
     for e, s in both(read, unknown):
         states = roll(GEARED, read.start[0].T, read.tau[0, 0].T[:, :, None], 0.002)
         np.testing.assert_allclose(read.y[0, 0, -1] - e[0, :, 0], states[-1, :2, 0], rtol=1e-9)
@@ -154,7 +154,7 @@ def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
         y=np.array([-np.pi / 2, 0]) + tiny * np.random.default_rng(4).normal(size=(1, 1, 400, 2)),
     )
     noise = np.array([1.0, 2.0, 3e-3, 4e-3]) * tiny**2
-    found = both(read, Vectors.of(theta[:, None], np.tile(noise[:, None], (2, 1, 1))))
+    found = both(read, ideal(theta[:, None], np.tile(noise[:, None], (2, 1, 1))))
 
     M = np.array([[theta[0] + theta[1], theta[1]], [theta[1], theta[1] + theta[9]]])
     A, B = np.zeros((4, 4)), np.zeros((4, 2))
