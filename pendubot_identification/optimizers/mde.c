@@ -4,22 +4,14 @@
  *
  * Plain C without Python.h, called through ctypes. It has its own random number generator. An array of vectors has one
  * row for each component, so that the compiler vectorises the loops along rows. The length of a row is the population,
- * rounded up to a multiple of LANES; the additional elements are computed and ignored.
+ * rounded up to a multiple of ROW; the additional elements are computed and ignored.
  */
+#include "../model/motion.h"
 #include <math.h>
-#include <stdint.h>
 #include <stdlib.h>
 
-#define LANES 16
+#define ROW 16
 #define EACH(t, count) _Pragma("GCC ivdep") for (int64_t t = 0; t < (count); t++)
-#define INLINE static inline __attribute__((always_inline))
-
-/* The functions are compiled with and without AVX2; the loader selects the version for the processor. */
-#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
-#define EXPORT __attribute__((visibility("default"), target_clones("avx2", "default")))
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
 
 typedef struct {
     int64_t population, dimension, per_component;
@@ -28,9 +20,9 @@ typedef struct {
     double worth, largest_coupling;
 } Settings;
 
-/* LANES parallel xoshiro128++ generators (Blackman and Vigna, 2019). */
+/* ROW parallel xoshiro128++ generators (Blackman and Vigna, 2019). */
 typedef struct {
-    uint32_t a[LANES], b[LANES], c[LANES], d[LANES];
+    uint32_t a[ROW], b[ROW], c[ROW], d[ROW];
 } Random;
 
 /* Memory of a generation: one row each, but four rows of random words and D rows of trials. */
@@ -44,8 +36,8 @@ INLINE uint32_t rotate(uint32_t x, int k) { return x << k | x >> (32 - k); }
 
 INLINE void draw(Random *restrict s, uint32_t *restrict words, int32_t count)
 {
-    for (int32_t at = 0; at < count; at += LANES)
-        EACH(l, LANES) {
+    for (int32_t at = 0; at < count; at += ROW)
+        EACH(l, ROW) {
             uint32_t a = s->a[l], b = s->b[l], c = s->c[l] ^ s->a[l], d = s->d[l] ^ s->b[l];
             words[at + l] = rotate(a + s->d[l], 7) + a;
             s->a[l] = a ^ d, s->b[l] = b ^ c, s->c[l] = c ^ b << 9, s->d[l] = rotate(d, 11);
@@ -138,7 +130,7 @@ INLINE void evaluate(const Settings *s, const Memory *m, int32_t rows, const dou
 EXPORT int64_t pendubot_mde(const Settings *s, int64_t generations, const double *root, const double *lower,
     const double *upper, Random *random, double *x, double *values, double *history)
 {
-    int32_t n = s->population, d = s->dimension, rows = (n + LANES - 1) / LANES * LANES;
+    int32_t n = s->population, d = s->dimension, rows = (n + ROW - 1) / ROW * ROW;
     double *doubles = calloc((size_t)(3 + d) * rows, sizeof(double));
     uint32_t *integers = calloc((size_t)9 * rows, sizeof(uint32_t));
     int32_t *indices = (int32_t *)integers + 5 * rows;
