@@ -128,16 +128,8 @@ class FilterData:
                 row = measured.stop
         steps = max(len(p.rows) for p in parts)
         counts = [max(1, round((m.end - m.start) / settings.block)) for m in motions]
-        first = np.cumsum([0, *counts])
-        block = [
-            first[p.number]
-            + np.clip(
-                ((p.t[1:] - p.motion.start) / (p.motion.end - p.motion.start) * counts[p.number]).astype(int),
-                0,
-                counts[p.number] - 1,
-            )
-            for p in parts
-        ]
+        owner = np.repeat(np.arange(len(motions)), counts)
+        block = [_blocks(p.motion, np.flatnonzero(owner == p.number), p.t[1:]) for p in parts]
 
         def padded(values: NDArray[Any], fill: float = 0.0) -> NDArray[Any]:
             shape = (steps - len(values), *values.shape[1:])
@@ -167,7 +159,7 @@ class FilterData:
             weight=np.concatenate([p.weight for p in parts]),
             t=np.concatenate([p.t[1:] for p in parts]),
             block=np.concatenate(block),
-            owner=np.repeat(np.arange(len(motions)), counts),
+            owner=owner,
             quantization=np.maximum(quantum**2 / 12, 1e-14),
         )
 
@@ -183,9 +175,7 @@ class FilterData:
 
     def block_of(self, recording: int, t: Array) -> NDArray[np.intp]:
         """Return the index of the block of time of a recording that contains each of the times t [s]."""
-        motion, blocks = self.motions[recording], np.flatnonzero(self.owner == recording)
-        part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(blocks)
-        return np.asarray(blocks[np.clip(part.astype(int), 0, len(blocks) - 1)])
+        return _blocks(self.motions[recording], np.flatnonzero(self.owner == recording), t)
 
     def torques(self, motions: Sequence[Motion], delay: float) -> Array:
         """Return mean torques of all steps [N m] with a delay [s], shape (G, S, 2)."""
@@ -219,6 +209,12 @@ class _Series(NamedTuple):
     elapsed: Array
     weight: Array
     measured: slice
+
+
+def _blocks(motion: Motion, blocks: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
+    """Return the index of the block of time, of those of a motion, that contains each of the times t [s]."""
+    part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(blocks)
+    return np.asarray(blocks[np.clip(part.astype(int), 0, len(blocks) - 1)])
 
 
 def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
@@ -339,13 +335,10 @@ class Likelihood:
                 shapes.append((effect.shape, unknowns[n:]))
             for k, joint in enumerate(effect.width):
                 width[joint] = unknowns[n + k]
-        tables: dict[bytes, tuple[int, int]] = {}
         keys = np.vstack([lanes[14], *(unknowns for _, unknowns in shapes)])
-        table = np.empty(count, dtype=np.int64)
-        for lane in range(count):
-            table[lane], _ = tables.setdefault(keys[:, lane].tobytes(), (len(tables), lane))
-        shaped = [self._shaped_by([(f, unknowns[:, lane]) for f, unknowns in shapes]) for _, lane in tables.values()]
-        delays = [float(lanes[14, lane]) for _, lane in tables.values()]
+        _, different, table = np.unique(keys, axis=1, return_index=True, return_inverse=True)
+        shaped = [self._shaped_by([(f, unknowns[:, lane]) for f, unknowns in shapes]) for lane in different]
+        delays = lanes[14, different].tolist()
         samples = replace(
             self.filter_data.samples,
             start=np.stack([s.start for s in shaped]),
@@ -359,7 +352,7 @@ class Likelihood:
             noise=noise,
             width=width,
             coefficient=np.concatenate(coefficients) if coefficients else np.zeros((0, count)),
-            table=table,
+            table=table.ravel(),
         )
         return samples, vectors, tuple(terms)
 
