@@ -27,10 +27,6 @@ from .options import CRITERIA, DELAYS, OPTIONS, SPREAD
 
 #: Default number of runs of MDE, as in the paper.
 RUNS = 10
-#: MDE as in the paper, for its criterion and model.
-PAPER_MDE = MDESettings(spread=SPREAD)
-#: MDE for others, with one operator per vector: with one per component, it needs more than thousands of generations.
-PER_VECTOR = MDESettings(per_component=False, spread=SPREAD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,14 +136,12 @@ class Settings:
 
     def search(self, criterion: str, model: str) -> tuple[MDESettings, int]:
         """Return the settings of MDE for a criterion of a model, and the number of runs."""
-        mde_settings, runs = PER_VECTOR, RUNS
-        if criterion == 'energy' and model == 'viscous':
-            mde_settings = PAPER_MDE
-        mde_settings = replace(
-            mde_settings,
-            population=mde_settings.population if self.population is None else self.population,
-            generations=mde_settings.generations if self.generations is None else self.generations,
-            spread=mde_settings.spread if self.spread is None else self.spread or None,
-            per_component=mde_settings.per_component and not self.per_vector,
+        default = MDESettings()
+        mde_settings = MDESettings(
+            population=self.population or default.population,
+            generations=self.generations or default.generations,
+            # Beyond the paper's criterion and model, an operator per component needs many thousands of generations.
+            per_component=(criterion, model) == ('energy', 'viscous') and not self.per_vector,
+            spread=SPREAD if self.spread is None else self.spread or None,
         )
-        return mde_settings, runs if self.runs is None else self.runs
+        return mde_settings, self.runs or RUNS
