@@ -17,7 +17,7 @@ zero if friction holds a link away from hanging.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -37,6 +37,7 @@ from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.trajectories.conversion import Affine, Conversion
 from pendubot_identification.trajectories.motion import Motion
 
+from .options import DELAYS
 from .settings import Settings
 from .uncertainty import regression_covariance
 
@@ -45,8 +46,6 @@ Matrix = tuple[tuple[float, float], tuple[float, float]]
 MODEL = 'rotor'
 #: The effort may be in any unit.
 BOUNDS = default_bounds().of(MODELS[MODEL]).scaled(1e6)
-#: Search interval of the delay of the effort [s].
-DELAYS = (-0.1, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,13 +216,8 @@ def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault,
     """Return the faults of the recordings' conventions, with the options that correct them."""
     low, high = settings.delays
     model, delay = 'rotor' if settings.model == 'auto' else settings.model, low if low == high else 0.0
-    return with_options(diagnose(motions, model, delay, settings.link_length), settings.reading)
-
-
-def with_options(faults: Iterable[Fault], conversion: Conversion) -> tuple[Fault, ...]:
-    """Return faults with the options that correct them in order, for recordings with this conversion."""
-    completed = []
-    for fault in faults:
+    conversion, completed = settings.reading, []
+    for fault in diagnose(motions, model, delay, settings.link_length):
         corrected = None if fault.change is None else conversion.then(fault.change)
         if corrected is not None:
             before, after = conversion.options(), corrected.options()
