@@ -429,8 +429,6 @@ def _predicted(base: Problem, candidates: Sequence[Effect]) -> Iterator[tuple[fl
         if not (np.isfinite(evaluation.costs).all() and np.isfinite(evaluation.informations).all()):
             continue
         slope, information = fitted_information(like, evaluation, x)
-        if not np.isfinite(information).all():
-            continue
         free = np.flatnonzero(np.insert(base.fit.free, base.likelihood.shared, True))
         step = np.linalg.lstsq(information[np.ix_(free, free)], slope[free], rcond=1e-10)[0]
         yield now - float(evaluation.costs.sum()) + float(slope[free] @ step) / 2, candidate

@@ -227,7 +227,7 @@ def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings,
 def _delay_and_weights(motions: Sequence[Motion], model: str, settings: Settings) -> tuple[float, Array]:
     bounds, (low, high) = settings.box(model), settings.delays
     delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
-    weights = residual_weights([weak_regression(m, model, delay, weights=(1, 1, 1)) for m in motions], bounds)
+    weights = residual_weights([weak_regression(m, model, delay) for m in motions], bounds)
     if low < high:
         delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
     return delay, weights

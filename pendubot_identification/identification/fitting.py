@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.likelihood import (
@@ -155,7 +154,6 @@ class Composite:
         information: of theta, with other unknowns eliminated, shape (14, 14).
         slopes: of each block of time at theta, shape (B, 14).
         informations: of each block of time, shape (B, 14, 14).
-        owner: index of the recording of each block, shape (B,).
         filter_data: of the last filter.
         unexplained: the fraction of the innovations' variance that quantization does not explain, shape (2,).
         J: the likelihood per measurement.
@@ -176,7 +174,6 @@ class Composite:
     information: Array
     slopes: Array
     informations: Array
-    owner: NDArray[np.intp]
     filter_data: FilterData
     unexplained: Array
     J: float
@@ -628,7 +625,6 @@ def _composite(fits: Fits, found: Sequence[DetectedEffect]) -> Composite:
         information=onto @ H @ onto.T,
         slopes=blocks.slopes @ onto.T,
         informations=onto @ blocks.informations @ onto.T,
-        owner=like.filter_data.owner,
         filter_data=like.filter_data,
         unexplained=unexplained(rough.likelihood, rough.fit.x),
         J=solved.cost / max(like.filter_data.measurements, 1),

@@ -117,24 +117,23 @@ def influence_covariance(
 
 
 def regression_covariance(
-    residuals: Sequence[Regression], theta: Array, free: Flags, block: float = 1.0
+    residuals: Sequence[Regression], theta: Array, free: Flags
 ) -> tuple[Array, Array, Array, str]:
     """Return the covariance of a least-squares estimate, see :func:`influence_covariance`.
 
     Residuals that are integrals over overlapping intervals of time are far from independent, so that the textbook
-    covariance is many times too small.
+    covariance is many times too small. The blocks of time are about 1 s long.
 
     Args:
         residuals: of each recording.
         theta: the estimate, shape (D,).
         free: which parameters lie on no bound, shape (D,).
-        block: approximate duration of the blocks of time [s].
     """
     slopes, owner, information = list[Array](), list[int](), np.zeros((len(theta), len(theta)))
     errors = [r.phi @ theta - r.y for r in residuals]
     variance = max(float(np.mean(np.concatenate(errors) ** 2)), np.finfo(float).tiny)
     for number, (r, error) in enumerate(zip(residuals, errors, strict=True)):
-        count = min(max(1, round(float(np.ptp(r.t)) / block)), len(r.y))
+        count = min(max(1, round(float(np.ptp(r.t)))), len(r.y))
         for rows in np.array_split(np.arange(len(r.y)), count):
             slopes.append(r.phi[rows].T @ error[rows] / variance)
             owner.append(number)

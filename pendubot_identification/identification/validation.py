@@ -63,16 +63,16 @@ class Fold:
     rest: tuple[Motion, ...]
 
 
-def folds(motions: Sequence[Motion], several: int = 3, blocks: int = 5) -> list[Fold]:
-    """Return a fold for each recording or, with fewer than ``several``, for each of about five blocks of time."""
+def folds(motions: Sequence[Motion]) -> list[Fold]:
+    """Return a fold for each of three or more recordings, or for each of five or six blocks of time of fewer."""
     result = []
     for number, m in enumerate(motions):
         others = [other for other in motions if other is not m]
-        if len(motions) >= several:
+        if len(motions) >= 3:
             result.append(Fold(m, number, tuple(others)))
             continue
-        count = blocks if len(motions) == 1 else (blocks + 1) // 2
-        for low, high in pairwise(np.linspace(m.start, m.end, count + 1)):
+        blocks = 5 if len(motions) == 1 else 3
+        for low, high in pairwise(np.linspace(m.start, m.end, blocks + 1)):
             rest = [m.part(begin, end) for begin, end in ((m.start, low), (high, m.end)) if end > begin]
             result.append(Fold(m.part(low, high), number, (*others, *rest)))
     return result
@@ -104,11 +104,11 @@ def _likelihood(
     def predicted(motion: Motion, theta: Array) -> Prediction:
         return predict([compensated(motion, answer.effects, delay)], theta[:size], delay, scale)
 
-    parts = [predicted(motion, found.theta) for motion in validation_motions]
-    times = np.array([answer.filter_data.block_times(k) for k in range(len(answer.owner))])
+    parts, owner = [predicted(motion, found.theta) for motion in validation_motions], answer.filter_data.owner
+    times = np.array([answer.filter_data.block_times(k) for k in range(len(owner))])
     for fold in left_out:
         inside = (times >= fold.held_out.start - 1e-9) & (times <= fold.held_out.end + 1e-9)
-        parts.append(predicted(fold.held_out, answer.without((answer.owner == fold.recording) & inside)))
+        parts.append(predicted(fold.held_out, answer.without((owner == fold.recording) & inside)))
     return found, parts
 
 
@@ -140,7 +140,7 @@ def _estimate(answer: Composite) -> Estimate:
     covariance, std_error, freedom, words = influence_covariance(
         information,
         answer.slopes[:, :size],
-        answer.owner,
+        answer.filter_data.owner,
         free,
         answer.difference[:size],
         exact=answer.exact,

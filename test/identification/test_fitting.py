@@ -129,8 +129,8 @@ def test_the_estimate_without_a_recording_is_the_fit_of_the_others():
     answer, _ = fitted(*(recording(400, seed=seed) for seed in (1, 2)), model='viscous')
     for removed in range(2):
         other, _ = fitted(recording(400, seed=2 - removed), model='viscous')
-        np.testing.assert_allclose(answer.without(answer.owner == removed)[:7], other.theta[:7], rtol=0.01)
-    np.testing.assert_allclose(answer.without(answer.owner < 0), answer.theta, rtol=1e-6)
+        np.testing.assert_allclose(answer.without(answer.filter_data.owner == removed)[:7], other.theta[:7], rtol=0.01)
+    np.testing.assert_allclose(answer.without(answer.filter_data.owner < 0), answer.theta, rtol=1e-6)
 
 
 def test_parameters_that_are_unphysical_by_a_rounding_error_are_repaired():
@@ -138,6 +138,6 @@ def test_parameters_that_are_unphysical_by_a_rounding_error_are_repaired():
     theta = answer.theta.copy()
     theta[2] = (1 + 1e-9) * LARGEST_COUPLING * np.sqrt(theta[0] * theta[1])
     on_edge = replace(answer, theta=theta)
-    moved = on_edge.without(answer.owner < 0)
+    moved = on_edge.without(answer.filter_data.owner < 0)
     np.testing.assert_allclose(moved, theta, rtol=1e-8)
     assert moved[2] <= LARGEST_COUPLING * np.sqrt(moved[0] * moved[1])
