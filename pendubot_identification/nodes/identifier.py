@@ -95,7 +95,7 @@ class Identifier(ManagedNode):
 
     def _activate(self) -> None:
         s = self.settings()
-        if _named(s['bags']):
+        if s['bags']:
             self._start(s)
         else:
             self.get_logger().info('waiting: set the parameter bags and call ~/identify')
@@ -112,7 +112,7 @@ class Identifier(ManagedNode):
         # The topic's name in a bag is in this node's namespace if it is relative, but not remapped.
         read = {'topic': self.resolved([s['topic']], only_expand=True)[0], 'joints': s['joint_names']}
         options = {option.name: s[option.name] for option in (*OPTIONS, *CONVERSION) if option.name in s} | read
-        return settings_of(options, bounds_of(_named(s['bounds'])))
+        return settings_of(options, bounds_of(s['bounds']))
 
     async def _on_identify(self) -> tuple[bool, str]:
         level, text = await self._identified(self.settings())
@@ -141,7 +141,7 @@ class Identifier(ManagedNode):
             return Level.ERROR, f'the identifier is inactive; call ros2 lifecycle set {name} activate'
         if self._outcome is not None and not self._outcome.done():
             return Level.ERROR, 'an identification is under way; wait for its result on pendubot/identification'
-        if not _named(s['bags']):
+        if not s['bags']:
             return Level.ERROR, 'no bags are named; set the parameter bags, such as ["swing@0:9"]'
         return await self._start(s, goal)
 
@@ -176,13 +176,14 @@ class Identifier(ManagedNode):
 
     def _identify(self, s: dict[str, Any], computation: Computation) -> tuple[Level, str]:
         settings = self._settings(s)
-        bags, validation = _named(s['bags']), _named(s['validate'])
         output = Path(s['output']) if s['output'] else None
         if output is not None:
-            read = [BagWindow.parse(bag).path for bag in bags + validation]
+            read = [BagWindow.parse(bag).path for bag in s['bags'] + s['validate']]
             refuse_input(output, [*read, Path(s['start']) if s['start'] else None])
             refuse_unwritable(output, overwrite=s['force'])
-        result = computation.run(bags, validation, settings, self._on_progress, apply_remedies=s['apply_remedies'])
+        result = computation.run(
+            s['bags'], s['validate'], settings, self._on_progress, apply_remedies=s['apply_remedies']
+        )
         level, text = result.level, headline(result)
         self.log(level, f'identified\n{summary(result)}')
         try:
@@ -223,10 +224,6 @@ def identification_values(result: Result) -> dict[str, Any]:
         brief = {'level': answer['level'], 'J': J, 'error': answer['prediction']['error']}
         values |= flat(f'criteria.{name}', brief | {n: entry['value'] for n, entry in answer['parameters'].items()})
     return values
-
-
-def _named(texts: list[str]) -> list[str]:
-    return [text for text in texts if text]
 
 
 main = partial(run, Identifier)

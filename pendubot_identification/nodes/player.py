@@ -129,7 +129,7 @@ class Player(SettingsNode):
 
     def _wanted(self, s: dict[str, Any]) -> set[str]:
         """Return the full names of the topics to play, not remapped, because they are names in a bag."""
-        return set(self.resolved([name for name in s['topics'] if name], only_expand=True))
+        return set(self.resolved(s['topics'], only_expand=True))
 
     def _chosen(self, wanted: set[str]) -> dict[str, str]:
         """Return the types of the topics to play, by their names in the bag, or raise BagError if one is missing."""

@@ -120,7 +120,7 @@ class Recorder(ManagedNode):
         return False
 
     def _resolved(self, topics: list[str]) -> list[str]:
-        if not any(topics):
+        if not topics:
             raise ParameterError('topics is empty; name at least one topic to record, such as joint_states')
         return list(dict.fromkeys(self.resolved(topics)))
 

@@ -135,7 +135,10 @@ class SettingsNode(Node):
         self._close()
 
     def settings(self, changed: Sequence[Parameter] = ()) -> dict[str, Any]:
-        """Return the value of every setting, with these changes: arrays as lists, None if it is left open."""
+        """Return the value of every setting, with these changes: None if it is left open.
+
+        ROS has no list without elements: empty texts in a list are left out.
+        """
         changes = {p.name: p for p in changed}
         values = {}
         for setting in self.SETTINGS:
@@ -143,6 +146,8 @@ class SettingsNode(Node):
             if value is None:  # an empty list, which has no type in ROS
                 raise setting.refusal('empty')
             value = setting.of_ros(value)
+            if isinstance(value, list):
+                value = [entry for entry in value if entry != '']
             if setting.path and value is not None:
                 value = [*map(os.path.expanduser, value)] if isinstance(value, list) else os.path.expanduser(value)
             values[setting.name] = value
