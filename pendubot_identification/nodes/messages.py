@@ -10,6 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
@@ -19,10 +20,8 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.dynamics import Pair
 from pendubot_identification.model.parameters import NAMES
 
-from .topics import quality
-
 #: Quality of service with which a later subscriber still receives the last message.
-LATCHED = quality(1, reliable=True, latched=True)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def shoulder_effort(m: JointState, shoulder: str) -> float:

@@ -34,15 +34,6 @@ def message_class(topic: str, type_name: str) -> Any:
         raise BagError(f'{topic} is of type {type_name}, which is not installed; source its workspace') from error
 
 
-def quality(depth: int, reliable: bool, latched: bool) -> QoSProfile:
-    """Return a quality of service."""
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-
-
 def recorded(profile: QoSProfile) -> Qos:
     """Return an offered quality of service in the representation of a bag."""
 
@@ -66,7 +57,11 @@ def weakest(profiles: Sequence[Qos], depth: int) -> QoSProfile:
     """Return the weakest quality of service, which is compatible with every publisher or subscriber of the others."""
     reliable = all(p.reliability is not QosReliability.BEST_EFFORT for p in profiles)
     latched = bool(profiles) and all(p.durability is QosDurability.TRANSIENT_LOCAL for p in profiles)
-    return quality(depth, reliable, latched)
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
 
 
 class Fetched(ReentrantCallbackGroup):
@@ -92,7 +87,7 @@ class Fetcher:
         self._lock = threading.RLock()
         self.subscriptions: dict[str, Subscription] = {}
 
-    def subscribe(self, name: str, message_type: type, qos: QoSProfile) -> Subscription:
+    def subscribe(self, name: str, message_type: type, qos: QoSProfile | int) -> Subscription:
         """Subscribe to a topic, or replace its subscription after fetching the received messages."""
         with self._lock:
             if name in self.subscriptions:

@@ -26,7 +26,7 @@ from pendubot_identification.tracking.events import Disturbance, Event, Lost, St
 from .messages import Identification, Status, flat, parameter_values
 from .ownership import name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
-from .topics import DEPTH, Fetcher, quality
+from .topics import DEPTH, Fetcher
 
 #: Period of fetching and processing messages [s].
 PERIOD = 0.1
@@ -57,7 +57,7 @@ class Tracker(ManagedNode):
         self._decode = JointDecoder(s['joint_names'], self.resolve_topic_name('joint_states'))
         self._waiting: list[bytes] = []
         self._fetcher = Fetcher(self, lambda _, data, info: self._waiting.append(data))
-        self._joint_states = self._fetcher.subscribe('joint_states', JointState, quality(DEPTH, True, False))
+        self._joint_states = self._fetcher.subscribe('joint_states', JointState, DEPTH)
         self._rivals = self._unreadable = ''  # sentences on several publishers, and on messages that are not decoded
         self._first_ns: int | None = None
         self._taken = self._disturbances = 0

@@ -8,7 +8,6 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from pendubot_identification.nodes.topics import quality
 from test.changing_rig import Day, record, truth
 from test.nodes.observer import Observer, values
 from test.processes import Program
@@ -25,7 +24,7 @@ class Rig(Observer):
 
     def __init__(self, ros, recorded):
         super().__init__(ros, '/lab1')
-        self.samples = self.node.create_publisher(JointState, 'joint_states', quality(10_000, True, False))
+        self.samples = self.node.create_publisher(JointState, 'joint_states', 10_000)
         self.recorded, self.sent = recorded, 0
 
     def send(self, until):
@@ -97,7 +96,7 @@ def test_samples_of_two_publishers_are_ignored_and_tracking_restarts_when_one_is
         rig.until(rig.samples.get_subscription_count)
         rig.send(15.0)
         rig.until(lambda: rig.params, 60.0)
-        second = stranger.create_publisher(JointState, '/lab1/joint_states', quality(10, True, False))
+        second = stranger.create_publisher(JointState, '/lab1/joint_states', 10)
         tracker.wait_for(rivals)
         for topic in (rig.quality, rig.statuses):
             rig.until(lambda topic=topic: topic and topic[-1].level == ERROR and rivals in topic[-1].message)
