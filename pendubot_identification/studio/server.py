@@ -180,31 +180,22 @@ class Studio:
         return web.json_response({'name': recording})
 
     async def _do(self, request: web.Request) -> web.StreamResponse:
-        """Run a task in a separate process, which does the next one if this one succeeds."""
+        """Run a task in a separate process."""
         session = self._session(request)
         task = {'task': request.match_info['task'], 'folder': str(session.folder), 'no_space': NO_SPACE}
         try:
             job = _job(session, await request.json()) | task
         except (ValueError, TypeError, AttributeError, KeyError) as error:
             raise PendubotError('the request lacks bags, validate or options; load the page again') from error
-        worker, self._spare = self._spare or self.prepare(), None
+        worker = self._spare or self.prepare()
+        self.prepare()
         process = await worker
         assert process.stdin is not None
         process.stdin.write(json.dumps(job).encode() + b'\n')
-        try:
-            response = await _relay(request, process)
-            # Not a worker that is being ended, whose request may be canceled before it has ended.
-            if process.returncode is None and self._spare is None:
-                self._spare = worker
-            return response
-        finally:
-            if self._spare is None:
-                self.prepare()
-            elif self._spare is not worker:
-                await _ended(process)
+        return await _relay(request, process)
 
     def prepare(self) -> asyncio.Task[asyncio.subprocess.Process]:
-        """Start a worker before it is needed, because its imports take a second."""
+        """Start the worker of the next task before it is needed, because its imports take a second."""
         self._spare = asyncio.create_task(self._started('pendubot_identification.studio.worker'))
         return self._spare
 
@@ -234,7 +225,7 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 
 async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> web.StreamResponse:
-    """Send each line of a program at once, and end the program unless it is done; report a missing last line."""
+    """Send each line of a program at once, and end the program with the request; report a missing last line."""
     response = web.StreamResponse(headers={'Content-Type': 'application/x-ndjson'})
     line = b''
     assert process.stdout is not None
@@ -242,13 +233,10 @@ async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> w
         await response.prepare(request)
         async for line in process.stdout:
             await response.write(line)
-            if line.startswith(b'{"done"'):
-                return response
         status = await process.wait()
     finally:
-        if not line.startswith(b'{"done"'):
-            await _ended(process)
-    if not line.startswith(b'{"problem"'):
+        await _ended(process)
+    if not line.startswith((b'{"done"', b'{"problem"')):
         end = f'signal {-status}, perhaps for lack of memory' if status < 0 else f'status {status}'
         sentence = f'the program of this task ended with {end}; give a shorter recording or see pendubot studio --debug'
         await response.write(json.dumps({'problem': {'sentence': sentence}}).encode() + b'\n')

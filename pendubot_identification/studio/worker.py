@@ -1,10 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Runs tasks of the studio in a separate process: jobs as JSON lines on stdin, events as JSON lines on stdout.
+"""Runs a task of the studio in a separate process: the job as a JSON line on stdin, events as JSON lines on stdout.
 
-The last event of a job has ``done``, or ``problem``: a sentence, and the options that correct it. A problem ends the
-process, which may have used much memory.
+The last event has ``done``, or ``problem``: a sentence, and the options that correct it.
 """
 
 import json
@@ -98,8 +97,8 @@ def _problem(error: Exception) -> dict[str, Any]:
     return {'sentence': sentence(error), 'remedy': getattr(error, 'remedy', {}), 'window': window}
 
 
-def main() -> int:
-    """Do the jobs on stdin; return the exit status."""
+def main() -> None:
+    """Do the job on stdin; without one, the studio has ended."""
     # A file that unpacks to more than the memory gives an error message, and the computer stays usable.
     limit = max(4 << 30, os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') // 2)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
@@ -109,7 +108,7 @@ def main() -> int:
         print(json.dumps(event), file=events, flush=True)
 
     tasks: dict[str, Callable[..., Any]] = {'describe': describe, 'check': check, 'identify': identify}
-    for text in sys.stdin:
+    if text := sys.stdin.readline():
         job = json.loads(text)
         tempfile.tempdir = job['folder']  # which is deleted with the session, and converted bags with it
         try:
@@ -117,9 +116,7 @@ def main() -> int:
             emit({'done': tasks[job['task']](job, emit)})
         except Exception as error:
             emit({'problem': _problem(error)})
-            return 1
-    return 0
 
 
 if __name__ == '__main__':
-    raise SystemExit(main())
+    main()
