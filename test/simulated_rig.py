@@ -211,7 +211,7 @@ def pulses(rng, samples, rate, strength, shortest, longest):
     return values[np.searchsorted(np.cumsum(held), np.arange(samples) / rate, side='right')]
 
 
-def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, begin=0.0, delay=0.0, step=STEP):
+def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, begin=0.0, step=STEP):
     """Return one recording for each seed and rig.
 
     ``counts``: of the encoders, per rig or for all; ``begin``: time for which each rig ran before [s]; ``step``: of the
@@ -243,15 +243,12 @@ def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, begin=0.0, del
     x = np.zeros((9, len(seeds)))  # q1 q2 v1 v2, motor angle and speed, acting torque, base position and speed
     x[0] = x[4] = -np.pi / 2
     read = np.empty((samples, 2, len(seeds)))
-    behind = round(delay / h)
-    none = np.zeros(len(seeds))
     for n in range(samples * every):
         if n % every == 0:
             read[n // every] = np.where(e.shaft > 0, x[4], x[0]), x[1]
-        torque = acting[:, (n - behind) // every] if n >= behind else none
         e.worn = 1 - e.drift * (1 - np.exp(-(begin + n * h) / WARMING)) if e.any.drift else 1.0
         hand = hands[:, n] if hands is not None else (0.0, 0.0)
-        x = runge_kutta(partial(_slope, wanted=torque, hand=hand, e=e), x, h)
+        x = runge_kutta(partial(_slope, wanted=acting[:, n // every], hand=hand, e=e), x, h)
     counts = np.broadcast_to(counts, len(seeds))
     q = np.moveaxis(read, 2, 0)
     motions = zip(rngs, rigs, q, tau, counts, pushed, strict=True)

@@ -45,6 +45,11 @@ def recording(
     return quantised(motion, counts) if counts else motion
 
 
+def trajectory(recording, name='trajectory'):
+    """Return a recording of test/simulated_rig.py as a trajectory."""
+    return Trajectory(recording.t, recording.q, np.outer(recording.tau, [1, 0]), name=name)
+
+
 def exact_motion(theta, samples=500, interval=0.004, *, seed=1, start=0.0, strength=1.0, delay=0):
     """Return a motion without errors: simulated with the integration step of its analysis, with exact velocities.
 

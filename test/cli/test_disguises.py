@@ -104,12 +104,9 @@ VARIANTS = {
     'struct.mat': (matlab_struct, {}, []),
     'sheet.xlsx': (excel, {}, []),
     'run.parquet': (parquet, {}, []),
-    'decimal commas.csv': (partial(as_text, sep=';', decimal=','), {}, ['--decimal comma']),
     'milliseconds.csv': (as_text, {'t': lambda c: 1000 * c['t']}, ['--time-unit ms']),
-    'degrees from hanging.csv': (as_text, HANGING, ['--degrees', '--zero hanging']),
     'absolute elbow.csv': (as_text, {'q2': lambda c: c['q1'] + c['q2']}, ['--elbow absolute']),
     'flipped elbow.csv': (as_text, {'q2': lambda c: -c['q2']}, ['--negate q2']),
-    'millinewtonmetres.txt': (as_text, {'tau1': lambda c: 1000 * c['tau1']}, ['--torque-unit mNm']),
     'missing rows.csv': (with_missing_rows, {}, ['--skip-missing']),
     'flipped torque.csv': (as_text, {'tau1': lambda c: -c['tau1']}, ['--negate tau1,tau2']),
     'exchanged.csv': (as_text, {'q1': lambda c: c['q2'], 'q2': lambda c: c['q1']}, ['--swap positions']),
@@ -259,7 +256,7 @@ def test_following_the_messages_gives_the_same_parameters(columns, identified, e
 
 
 def test_a_wrong_zero_that_stops_the_filter_is_named_and_a_rest_is_located(run, tmp_path):
-    (motion,) = record([11], [Rig()], seconds=6.0)
+    (motion,) = record([11], [Rig()], seconds=6.0, step=0.0025)
     from_hanging, resting = np.add(motion.q, [np.pi / 2, 0]), np.where(motion.t[:, None] < 3, [-np.pi / 2, 0], motion.q)
     for name, q in (('hanging.csv', from_hanging), ('resting.csv', resting)):
         as_text(tmp_path / name, {'t': motion.t, 'q1': q[:, 0], 'q2': q[:, 1], 'tau1': motion.tau})

@@ -15,19 +15,53 @@ from pendubot_identification.criteria.likelihood import (
     SHARED,
     Extension,
     FilterData,
+    Likelihood,
+    LikelihoodSettings,
     Unknown,
     bounded_step,
     fit,
     fitted_information,
 )
 from pendubot_identification.model.filter import Term, TermKind
-from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.model.parameters import Parameters, default_bounds
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.trajectory import Trajectory
-from test.criteria.likelihoods import TRUE, likelihood, motions
 from test.simulated_rig import Rig, record, true
-from test.virtual import C1, CHAOTIC, recording
+from test.virtual import C1, CHAOTIC, recording, trajectory
+
+#: Parameters of a rig with geared motors.
+TRUE = C1.vector('geared')
+
+
+def motions(seeds=(1, 2), samples=1000, smoothing=0.05, **options):
+    """Return recordings of the geared rig, by default sampled every 5 ms."""
+    options = {'interval': 0.005, **CHAOTIC, **options}
+    return [Motion.prepare(recording(samples, seed=seed, **options), smoothing) for seed in seeds]
+
+
+def likelihood(prepared, theta=TRUE, effects=(), **settings):
+    """Return the likelihood of recordings, a start with this theta, and lower and upper bounds."""
+    filter_data = FilterData.of(prepared, LikelihoodSettings(**settings))
+    torque = np.sqrt(np.mean(np.concatenate([m.recorded.tau for m in prepared]) ** 2, axis=0)).max()
+    speed = max(m.states(m.recorded.t)[2:].std() for m in prepared)
+    inertia, weight = theta[:2].sum(), theta[3:5].sum()
+    own = [inertia] * 3 + [weight] * 2 + [torque / speed] * 2 + [torque] * 2 + [inertia] + [torque] * 2 + [1, 1]
+    extra = [
+        np.array([getattr(u, n) for e in effects for u in e.unknowns]) for n in ('scale', 'start', 'lower', 'upper')
+    ]
+    like = Likelihood(filter_data, tuple(effects), np.concatenate([own, [0.01] * 3, extra[0]]))
+    quantization, box = np.log(filter_data.quantization) / 2, default_bounds()
+    noise = [*(quantization + 0.4), *np.log([0.03 * torque] * 2)] * like.levels
+    low, high = [*quantization, -20, -20] * like.levels, [*(quantization + 3), 5, 5] * like.levels
+    x = np.concatenate([theta, [0, 0, 0], extra[1], noise])
+    return (
+        like,
+        x,
+        *(
+            np.concatenate([side, [sign * 0.1] * 3, more, noise])
+            for side, sign, more, noise in ((box.lower, -1, extra[2], low), (box.upper, 1, extra[3], high))
+        ),
+    )
 
 
 def scaled(motion, own):
@@ -127,7 +161,7 @@ def test_the_fit_converges_from_a_start_with_errors_of_30_percent(prepared):
 def test_the_fit_of_a_wrong_model_reaches_a_minimum():
     """Pushes by hand: the curvature of J is far from the expected information."""
     runs = record(range(2), 2 * [Rig(pushes=2)], step=0.005)
-    pushed = [Motion.prepare(Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])), 0.05) for r in runs]
+    pushed = [Motion.prepare(trajectory(run), 0.05) for run in runs]
     like, x, lower, upper = likelihood(pushed, Parameters(**true(Rig())).vector('geared'), intervals=(0.05,))
     found = fit(like, x, lower, upper)
     assert found.converged

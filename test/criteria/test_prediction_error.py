@@ -1,21 +1,37 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Open-loop prediction errors as a criterion: its slopes, the scale of each recording, and its prior."""
+"""Prediction errors, compared with an independent computation, and as a criterion: slopes, scales and prior."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from pendubot_identification.criteria.likelihood import FilterData
-from pendubot_identification.criteria.prediction_error import PredictionSettings, Simulations, refine
+from pendubot_identification.criteria.prediction_error import (
+    ASSESSED,
+    HORIZONS,
+    STEP,
+    STRIDE,
+    Prediction,
+    PredictionSettings,
+    Simulations,
+    predict,
+    refine,
+    state_scale,
+)
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.parameters import default_bounds
+from pendubot_identification.model.dynamics import forward_dynamics
+from pendubot_identification.model.parameters import PAPER, default_bounds
 from pendubot_identification.trajectories.motion import Motion
-from test.criteria.likelihoods import TRUE, motions
+from test.criteria.test_likelihood import TRUE, motions
+from test.virtual import exact_motion, recording, vector
 
-HORIZONS, STRIDE = (0.1, 0.25, 0.5), 0.05
+SCALE = np.array([0.7, 1.5, 3.0, 8.0])
 #: Index of the elbow's friction under load, which is not identifiable without a motor at the elbow.
 UNKNOWN = 13
 
@@ -48,7 +64,7 @@ def off(theta):
 
 def test_derivatives_agree_with_finite_differences_of_the_errors(prepared):
     theta = 1.05 * TRUE + 0.01
-    simulations = Simulations.of(prepared, theta, 0.004, np.array([0.01, -0.02]), HORIZONS, STRIDE)
+    simulations = Simulations.of(prepared, theta, 0.004, np.array([0.01, -0.02]), HORIZONS[:ASSESSED], STRIDE)
     errors, states = simulations.errors(theta)
     found = simulations.derivatives(theta, states)
     assert found.shape == (3, 4, 14, len(simulations.t))
@@ -61,7 +77,7 @@ def test_derivatives_agree_with_finite_differences_of_the_errors(prepared):
 @pytest.mark.parametrize(('delay', 'before', 'behind'), [(0.01, 0.01, 0.0), (-0.06, 0.0, 0.06), (0.0, 0.0, 0.0)])
 def test_simulations_lie_within_their_recordings(prepared, delay, before, behind):
     parts = [prepared[0], prepared[1].part(1.0, 1.3), prepared[2].part(2.0, 4.0)]
-    simulations = Simulations.of(parts, TRUE, delay, np.zeros(2), HORIZONS, STRIDE)
+    simulations = Simulations.of(parts, TRUE, delay, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
     assert set(simulations.recording) == {0, 2}
     for number in (0, 2):
         t = simulations.t[simulations.recording == number]
@@ -74,7 +90,7 @@ def test_simulations_lie_within_their_recordings(prepared, delay, before, behind
 def test_slopes_and_information_agree_with_the_criterion(prepared):
     found = refined(prepared, 1.1 * TRUE, 1e4 * np.diag(1 / np.maximum(TRUE, 0.01) ** 2))
     settings, filter_data = PredictionSettings(), FilterData.of(prepared)
-    simulations = Simulations.of(prepared, 1.1 * TRUE, 0.0, np.zeros(2), HORIZONS, STRIDE)
+    simulations = Simulations.of(prepared, 1.1 * TRUE, 0.0, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
     number = simulations.recording
     block = np.concatenate([filter_data.block_of(k, simulations.t[number == k]) for k in range(3)])
     count = settings.weight * sum(m.end - m.start for m in prepared) / 0.5 / len(number)
@@ -147,3 +163,82 @@ def test_recordings_that_are_shorter_than_the_longest_horizon_are_refused(prepar
     short = [m.part(1.0, 1.4) for m in prepared]
     with pytest.raises(TrajectoryError, match=r'shorter than 0\.5 s; choose longer windows'):
         refined(short)
+
+
+@pytest.mark.parametrize(
+    ('model', 'delay', 'parts'), [('viscous', 0, 1), ('coulomb', 3, 1), ('rotor', 0, 1), ('geared', -5, 2)]
+)
+def test_the_true_parameters_predict_exactly_and_others_do_not(model, delay, parts):
+    step = STEP / parts
+    motions = [exact_motion(vector(model), 450 * parts, step, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
+    scale = state_scale(motions)
+    prediction = predict(motions, vector(model), step * delay, scale)
+    np.testing.assert_allclose(prediction.errors, 0, atol=1e-6)
+    np.testing.assert_allclose(prediction.fit, 100, atol=1e-3)
+    assert (prediction.starts > 20).all()
+    assert (predict(motions, vector(model), step * delay + 0.02, scale).error > 0.005).all()
+    assert (predict(motions, vector(model) * 1.5, step * delay, scale).error[1:] > 0.001).all()
+    assert (prediction.persistence > 0.05).all()
+
+
+def test_prediction_errors_agree_with_an_independent_integration():
+    """Every 50 ms, predict the state after 0.5 s from the smoothed state, with the torque held."""
+    recorded = recording(110, strength=0.3)
+    motion, theta, horizon = Motion.prepare(recorded, 0.02), PAPER.vector() * 1.2, 0.5
+    errors, persistence = [], []
+    for start in range(0, 110 - 50, 5):
+        state = motion.smoothed(recorded.t[start])
+        predicted = state
+        for k in range(start, start + 50):
+            predicted = solve_ivp(
+                lambda _, s, k=k: [*s[2:], *forward_dynamics(theta, s[:2], s[2:], recorded.tau[k])],
+                (0, 0.01),
+                predicted,
+                rtol=1e-9,
+                atol=1e-10,
+            ).y[:, -1]
+        truth = motion.smoothed(recorded.t[start] + horizon)
+        errors.append((predicted - truth) / SCALE)
+        persistence.append((state - truth) / SCALE)
+    prediction = predict([motion], theta, 0.0, SCALE)
+    row = HORIZONS.index(horizon)
+    assert prediction.starts[row] == len(errors)
+    np.testing.assert_allclose(prediction.errors[row], np.sqrt(np.mean(np.square(errors), axis=0)), rtol=1e-4)
+    np.testing.assert_allclose(prediction.still[row], np.sqrt(np.mean(np.square(persistence), axis=0)), rtol=1e-4)
+    np.testing.assert_allclose(prediction.error[row], np.sqrt(np.mean(np.square(errors))), rtol=1e-4)
+    np.testing.assert_allclose(prediction.persistence[row], np.sqrt(np.mean(np.square(persistence))), rtol=1e-4)
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('duration', [0.07, 0.3, 0.8])
+def test_horizons_longer_than_the_motion_have_no_prediction_error(duration):
+    motion = exact_motion(vector('viscous'), round(duration / 0.004) + 1)
+    prediction = predict([motion], vector('viscous'), 0.0, SCALE)
+    longer = np.array(HORIZONS) >= duration
+    np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
+    np.testing.assert_array_equal(np.isnan(prediction.still).any(axis=1), longer)
+    np.testing.assert_array_equal(prediction.starts == 0, longer)
+
+
+@pytest.mark.filterwarnings('error')
+def test_the_errors_of_a_diverging_simulation_are_clipped_without_a_warning():
+    motion = exact_motion(vector('viscous'), 300)
+    prediction = predict([motion], vector('viscous') * [1, 1, 1, 1, 1, -1e4, 1], 0.0, SCALE)
+    assert np.isfinite(prediction.errors).all()
+    assert prediction.errors.max() == 1e3
+
+
+@settings(max_examples=6)
+@given(st.integers(0, 10**6), st.permutations([1.6, 0.4, 0.6]))
+def test_pooled_predictions_equal_the_prediction_of_all_motions_at_once(seed, durations):
+    motions = [
+        exact_motion(vector('viscous'), round(duration / 0.004), seed=seed + k) for k, duration in enumerate(durations)
+    ]
+    theta = vector('viscous') * np.random.default_rng(seed).uniform(0.7, 1.4, 7)
+    together = predict(motions, theta, 0.0, SCALE)
+    pooled = Prediction.pool([predict([motion], theta, 0.0, SCALE) for motion in motions])
+    np.testing.assert_array_equal(pooled.starts, together.starts)
+    np.testing.assert_allclose(pooled.errors, together.errors)
+    np.testing.assert_allclose(pooled.still, together.still)
+    again = Prediction.pool([pooled, Prediction.none()])
+    np.testing.assert_allclose(again.errors, pooled.errors)

@@ -19,10 +19,9 @@ from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import BALANCE, PAPER, Parameters
 from pendubot_identification.model.simulation import HANGING, quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test import real
 from test.simulated_rig import Rig, record
-from test.virtual import recording
+from test.virtual import recording, trajectory
 
 recorded = functools.cache(real.recorded)
 LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
@@ -142,9 +141,8 @@ def test_a_constant_offset_of_the_effort_is_diagnosed(smoothing, hold):
 
 def test_a_motion_that_hardly_fits_a_pendubot_is_a_warning():
     """The elbow's encoder has half as many counts again as given."""
-    (r,) = record([13], [Rig()], seconds=6.0)
-    motion = Trajectory(r.t, r.q * [1, 1.5], np.column_stack([r.tau, 0 * r.tau]))
-    (found,) = diagnosed(motion)
+    (r,) = record([13], [Rig()], seconds=6.0, step=0.0025)
+    (found,) = diagnosed(trajectory(replace(r, q=r.q * [1, 1.5])))
     assert (found.name, found.level) == ('motion', Level.WARN)
     assert re.match('the motion hardly fits any pendubot: .* counts per turn', found.sentence)
 
@@ -179,10 +177,8 @@ def test_the_zero_of_one_recording_is_no_common_fault():
 
 
 def test_the_model_fits_motions_of_coarse_encoders():
-    motions = [
-        Trajectory(r.t, np.round(r.q, 1), np.column_stack([r.tau, 0 * r.tau]))
-        for r in record([61, 62], [Rig()] * 2, seconds=6.0)
-    ]
+    runs = record([61, 62], [Rig()] * 2, seconds=6.0, step=0.0025)
+    motions = [trajectory(replace(each, q=np.round(each.q, 1))) for each in runs]
     assert [fault.name for fault in diagnosed(*motions, smoothing=0.05)] == ['motion']
     found = identify(motions)
     assert (found.faults, found.best.exact) == ((), True)

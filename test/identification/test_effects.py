@@ -10,20 +10,13 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.likelihood import fit
-from pendubot_identification.identification.effects import (
-    MEANINGS,
-    REPETITIONS,
-    EffectSettings,
-    Problem,
-    catalogue,
-    compensated,
-    find_effects,
-)
+from pendubot_identification.identification import effects
+from pendubot_identification.identification.effects import Problem, catalogue, find_effects
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test import simulated_rig as rig
-from test.criteria.likelihoods import likelihood
+from test.criteria.test_likelihood import likelihood
 from test.simulated_rig import Rig
+from test.virtual import trajectory
 
 TRUE = np.append(list(rig.TRUE.values()), np.zeros(5))
 RECORDINGS, SECONDS = 2, 8.0
@@ -73,15 +66,15 @@ def problem(recorded):
 
     @cache
     def solved(name):
-        read = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in recorded[name]]
-        like, x, lower, upper = likelihood([Motion.prepare(t, 0.05) for t in read], 1.05 * TRUE, intervals=(0.05,))
+        prepared = [Motion.prepare(trajectory(each), 0.05) for each in recorded[name]]
+        like, x, lower, upper = likelihood(prepared, 1.05 * TRUE, intervals=(0.05,))
         return Problem(like, fit(like, x, lower, upper, 30, 0.1), lower, upper)
 
     return solved
 
 
 @pytest.fixture(scope='module')
-def effects(problem):
+def detected(problem):
     """Return a cached function that detects the effects of a rig by the name of its effect."""
     return cache(lambda name: [found for found, _ in find_effects(problem(name))])
 
@@ -93,9 +86,9 @@ def candidate(base, name, where):
 
 
 @pytest.mark.parametrize('name', EFFECTS)
-def test_only_the_true_effect_of_a_rig_is_accepted(problem, effects, name):
+def test_only_the_true_effect_of_a_rig_is_accepted(problem, detected, name):
     base, (_, sizes) = problem(name), EFFECTS[name]
-    found = effects(name)
+    found = detected(name)
     assert {(f.name, f.where) for f in found} == {(name, where) for where in sizes}
     assert all(f.accepted for f in found)
     P = base.fit.x[:5]
@@ -119,12 +112,12 @@ def test_a_constant_torque_and_asymmetric_friction_are_distinguished(problem, ri
 
 def test_an_effect_below_the_threshold_is_reported_as_possible_and_not_compensated(problem):
     base = problem('dead zone')
-    ((found, _),) = find_effects(base, EffectSettings(sure=np.inf))
+    ((found, _),) = find_effects(base, effects.EffectSettings(sure=np.inf))
     assert (found.name, found.accepted) == ('dead zone', False)
     assert found.sentence.startswith('possible, not compensated: the motor gives no torque below a threshold (motor)')
     motion = base.likelihood.filter_data.motions[0]
-    assert compensated(motion, [found], 0.0) is motion
-    assert find_effects(base, EffectSettings(sure=np.inf, tried=np.inf)) == []
+    assert effects.compensated(motion, [found], 0.0) is motion
+    assert find_effects(base, effects.EffectSettings(sure=np.inf, tried=np.inf)) == []
 
 
 def test_the_model_is_nested_in_each_candidate(problem):
@@ -133,7 +126,7 @@ def test_the_model_is_nested_in_each_candidate(problem):
     free = np.zeros(base.likelihood.size, dtype=bool)
     cost = base.likelihood.costs(base.fit.x)
     candidates = catalogue(base.likelihood.filter_data.motions, 0.0)
-    assert {c.name for c in candidates} == set(MEANINGS)
+    assert {c.name for c in candidates} == set(effects.MEANINGS)
     for c in candidates:
         assert all(unknown.lower <= unknown.start <= unknown.upper for unknown in c.extension.unknowns)
         like, x, lower, upper = base.extended([c])
@@ -145,7 +138,7 @@ def test_the_model_is_nested_in_each_candidate(problem):
 def test_cogging_is_a_candidate_only_for_joints_that_turn(problem):
     base = problem('clean')
     both = [c.where for c in catalogue(base.likelihood.filter_data.motions, 0.0) if c.name == 'cogging']
-    assert len(both) == 2 * (REPETITIONS - 1)
+    assert len(both) == 2 * (effects.REPETITIONS - 1)
     still = [
         replace(m, recorded=replace(m.recorded, q=m.recorded.q * [0.01, 1.0]))
         for m in base.likelihood.filter_data.motions
@@ -154,13 +147,13 @@ def test_cogging_is_a_candidate_only_for_joints_that_turn(problem):
     assert alone == [where for where in both if where.startswith('elbow')]
 
 
-def test_compensated_torques_equal_the_acting_torques(problem, effects):
+def test_compensated_torques_equal_the_acting_torques(problem, detected):
     """A dead zone changes the recorded torque; drag adds a torque that depends on the smoothed speed."""
     for name in ('dead zone', 'drag'):
         motion = problem(name).likelihood.filter_data.motions[0]
-        found = effects(name)
+        found = detected(name)
         t = np.arange(0.5, 7.0, 0.005)
-        acting = np.diff(compensated(motion, found, 0.0).impulse(t), axis=0) / 0.005
+        acting = np.diff(effects.compensated(motion, found, 0.0).impulse(t), axis=0) / 0.005
         recorded = np.diff(motion.impulse(t), axis=0) / 0.005
         if name == 'dead zone':
             expected = np.sign(recorded) * np.maximum(abs(recorded) - 0.02, 0)

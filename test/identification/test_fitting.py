@@ -16,10 +16,9 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import LARGEST_COUPLING, PAPER
 from pendubot_identification.model.simulation import simulate
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test import simulated_rig as rig
 from test.simulated_rig import Rig
-from test.virtual import recording
+from test.virtual import recording, trajectory
 
 
 def fitted(*recordings, effects=False, **options):
@@ -47,12 +46,9 @@ def test_a_rig_that_turns_half_a_radian_between_samples_is_identified_exactly():
 
 def test_a_disturbed_fast_motion_is_fitted_at_shorter_intervals():
     """The elbow turns at more than 100 rad/s; during half a second the recorded torque does not act."""
-    motions = [
-        Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]))
-        for r in rig.record([4], [Rig(length=0.35, mass=0.15, strength=3.0)], seconds=8.0)
-    ]
-    motions[0].tau[700:800] = 0.0
-    found = identify(motions)
+    (run,) = rig.record([4], [Rig(length=0.35, mass=0.15, strength=3.0)], seconds=8.0)
+    run.tau[700:800] = 0.0
+    found = identify([trajectory(run)])
     assert found.level is Level.ERROR
     assert 'the model predicts the motion over 0.025 s, and over 0.05 s is expected' in found.warnings[0]
     assert any(warning.startswith('a disturbance: ') and ' at 3.5 s' in warning for warning in found.warnings)
@@ -105,8 +101,7 @@ def test_a_filter_that_diverges_outside_the_middle_of_the_recordings_restarts(mo
 
 
 def test_effects_of_long_recordings_are_searched_in_the_middle_and_confirmed_on_all_samples(monkeypatch):
-    recordings = rig.record(range(2), [Rig(dead_zone=0.015)] * 2)
-    motions = [Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau])) for r in recordings]
+    motions = [*map(trajectory, rig.record(range(2), [Rig(dead_zone=0.015)] * 2, step=0.0025))]
     real, searched = fitting.find_effects, []
 
     def find(base, settings):

@@ -36,15 +36,9 @@ def error(estimate, truth=TRUTH):
     return np.abs(estimate.theta / truth - 1).max()
 
 
-@pytest.fixture(scope='module')
-def default():
-    """Return the result of 4 s of the virtual rig with default settings, and the reports of progress."""
+def test_default_settings_identify_the_true_parameters_and_report_progress():
     reports = []
-    return identify([recording(400, seed=2)], progress=lambda *report: reports.append(report)), reports
-
-
-def test_default_settings_identify_the_true_parameters(default):
-    result, _ = default
+    result = identify([recording(400, seed=2)], progress=lambda *report: reports.append(report))
     best = result.best
     assert (result.level, result.warnings, result.effects) == (Level.OK, (), ())
     assert (best.criterion, best.model) == ('likelihood', 'viscous')
@@ -57,10 +51,6 @@ def test_default_settings_identify_the_true_parameters(default):
     assert (best.effort.hold, round(best.effort.delay, 3)) == ('zero', 0)
     assert result.interval == pytest.approx(0.01)
     assert np.degrees(np.abs(best.zeros.angles)).max() < 0.05
-
-
-def test_progress_is_reported_from_beginning_to_end(default):
-    _, reports = default
     stages = ' '.join(stage for stage, *_ in reports)
     assert stages.startswith('preparing')
     for part in ('checking signs', 'likelihood: scoring', 'unmodelled effects', 'all samples', 'energy: MDE'):
@@ -87,16 +77,6 @@ def with_missing_samples(motion):
     [
         ([recording(300)], replace(ENERGY, optimizer='mde', generations=20), 'of 10 runs reached the exact minimum'),
         ([with_missing_samples(recording(400))], WEAK, 'about 25 of 400 samples are missing'),
-        (
-            [recording(400)],
-            replace(WEAK, link_length=2 * PAPER.P3 / PAPER.P5),
-            'moves as on a link 1 of 0.03',
-        ),
-        (
-            [recording(900, name='one'), recording(900, seed=2, rig=ANOTHER, name='two')],
-            LIKELIHOOD,
-            'one and two contradict each other',
-        ),
     ],
 )
 def test_suspicious_recordings_and_results_give_warnings(motions, settings, sentence):
@@ -125,17 +105,6 @@ def test_wide_intervals_of_two_rigs_are_not_explained_by_missing_gravity():
     assert result.best.determined[:5].all()
     assert 'one and two contradict each other' in result.warnings[0]
     assert 'gravity' not in ' '.join(result.warnings)
-
-
-def test_the_smallest_model_that_describes_the_rig_is_selected():
-    """Dry friction at both joints, and a rotor on the elbow."""
-    rig = replace(PAPER, Fc1=0.02, Fc2=0.0005, J2=0.0004)
-    result = identify([recording(300, rig=rig, seed=3)], [], Settings(hold='zero'))
-    assert result.best.model == 'rotor'
-    assert result.best.exact
-    assert error(result.best, rig.vector()) < 0.05
-    assert (np.abs(result.best.theta - rig.vector()) < 4 * result.best.std_error).all()
-    assert result.level is Level.OK
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,12 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Standard errors compared with textbook formulas and with the spread of estimates."""
+"""Standard errors compared with textbook formulas and with the spread of estimates; the parts that are held out."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
@@ -16,8 +18,10 @@ from pendubot_identification.identification.uncertainty import (
     scaled_condition_number,
     student_quantile,
 )
+from pendubot_identification.identification.validation import folds
 from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.virtual import recording
 
 FREE = np.ones(3, dtype=bool)
@@ -164,3 +168,29 @@ def test_correlations_and_condition_number_are_computed_for_columns_of_unit_norm
     assert scaled_condition_number(information, FREE) == pytest.approx(np.linalg.cond(scaled), rel=1e-4)
     held = np.array([True, True, False])
     assert scaled_condition_number(information, held) == pytest.approx(np.linalg.cond(scaled[:, held]), rel=1e-4)
+
+
+def at_rest(samples, start, name):
+    t = start + 0.01 * np.arange(samples)
+    return Motion.prepare(Trajectory(t, np.zeros((samples, 2)), np.zeros((samples, 2)), name=name), 0.0)
+
+
+@given(st.lists(st.integers(100, 900), min_size=1, max_size=6))
+def test_folds_hold_out_every_time_exactly_once(lengths):
+    motions = [at_rest(n, 3.0 * k, f'recording {k}') for k, n in enumerate(lengths)]
+    found = folds(motions)
+    for number, motion in enumerate(motions):
+        held_out = sorted((f.held_out.start, f.held_out.end) for f in found if f.recording == number)
+        edges = np.array(held_out).ravel()
+        assert (edges[0], edges[-1]) == (motion.start, motion.end)
+        np.testing.assert_array_equal(edges[1:-1:2], edges[2::2], 'each part begins where the previous one ends')
+        assert (np.diff(edges)[::2] > 0).all()
+    total = sum(m.end - m.start for m in motions)
+    for fold in found:
+        assert sum(m.end - m.start for m in (fold.held_out, *fold.rest)) == pytest.approx(total)
+        own = [m for m in fold.rest if m.name == fold.held_out.name]
+        assert all(m.end <= fold.held_out.start or m.start >= fold.held_out.end for m in own)
+    if len(motions) >= 3:
+        assert [f.held_out for f in found] == motions
+    else:
+        assert len(found) == (5, 6)[len(motions) - 1]

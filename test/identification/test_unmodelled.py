@@ -17,10 +17,9 @@ from pendubot_identification.identification.validation import contradictions, di
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters, default_bounds
 from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.trajectory import Trajectory
 from test import real
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig, record, true
-from test.virtual import recording
+from test.virtual import recording, trajectory
 
 RECORDINGS = 3
 SATURATED, OFFSET, LAGGING = ('saturation', 2), ('offset', 0), ('lag', 2)
@@ -45,11 +44,7 @@ def identified(recordings):
     """Return a function that returns the result of a rig's recordings and the largest error of P1 to P5 [%]."""
 
     def identified(name=None):
-        motions = [
-            Trajectory(r.t, r.q, np.column_stack([r.tau, 0 * r.tau]), name=f'take {k}')
-            for k, r in enumerate(recordings[name])
-        ]
-        result = identify(motions)
+        result = identify([trajectory(each, f'take {k}') for k, each in enumerate(recordings[name])])
         return result, 100 * np.abs(result.best.theta[:5] / list(true(RIGS[name]).values())[:5] - 1).max()
 
     return identified

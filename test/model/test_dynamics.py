@@ -3,6 +3,7 @@
 
 """The equations of motion in Python and C, compared with Lagrange's equations derived by sympy."""
 
+import contextlib
 import math
 from functools import cache
 
@@ -11,16 +12,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pendubot_identification.model.dynamics import (
-    acceleration_derivatives,
-    accelerations,
-    energy,
-    forward_dynamics,
-    mass_matrix,
-)
+from pendubot_identification import kernel
+from pendubot_identification.model import dynamics
 from pendubot_identification.model.rollout import roll, sensitivities
-from test.model.paths import both_paths, path
 from test.strategies import angles, rigs, theta, torques, velocities
+
+both_paths = pytest.mark.parametrize('compiled', [True, False], ids=['kernel', 'numpy'])
+
+
+@contextlib.contextmanager
+def path(compiled):
+    """Simulate by the kernel or by numpy; skip the test if the kernel is missing."""
+    before = kernel.wanted
+    if compiled and kernel.library() is None:
+        pytest.skip(kernel.description())
+    kernel.wanted = compiled
+    try:
+        yield
+    finally:
+        kernel.wanted = before
+
 
 #: Number of arguments of a rig: m1 m2 l1 d1 d2 I1 I2, then friction and rotor as in theta.
 SIZE = 16
@@ -28,14 +39,15 @@ SIZE = 16
 
 @cache
 def derived():
-    """Return a function of rig, state and torques.
+    """Return a function of rig, state, torques and accelerations a.
 
-    It gives accelerations, their derivatives by state and rig, M, energy, theta, and its derivatives by the rig.
+    It gives M, the torques M a in excess, their derivatives by state and rig, energy, theta, and its derivatives by
+    the rig.
     """
     sympy = pytest.importorskip('sympy')
     rig = sympy.symbols('m1 m2 l1 d1 d2 I1 I2 b1 b2 Fc1 Fc2 J2 Fs1 Fs2 k1 k2')
     m1, m2, l1, d1, d2, I1, I2, b1, b2, Fc1, Fc2, J2, Fs1, Fs2, k1, k2 = rig
-    state, tau = sympy.symbols('q1 q2 v1 v2'), sympy.symbols('t1 t2')
+    state, tau, a = sympy.symbols('q1 q2 v1 v2'), sympy.symbols('t1 t2'), sympy.symbols('a1 a2')
     q, v = sympy.Matrix(state[:2]), sympy.Matrix(state[2:])
     one, both = q[0], q[0] + q[1]
     place1 = d1 * sympy.Matrix([sympy.cos(one), sympy.sin(one)])
@@ -50,22 +62,27 @@ def derived():
             for t, w, b, Fc, Fs, k in zip(tau, v, (b1, b2), (Fc1, Fc2), (Fs1, Fs2), (k1, k2), strict=True)
         ]
     )
-    # Lagrange: d/dt dL/dv - dL/dq = forces, solved for the accelerations.
+    # Lagrange: d/dt dL/dv - dL/dq = forces.
     lagrangian = sympy.Matrix([kinetic - potential])
     momentum = lagrangian.jacobian(v).T
     M = momentum.jacobian(v)
-    qdd = M.LUsolve(forces + lagrangian.jacobian(q).T - momentum.jacobian(q) * v)
-    arguments = sympy.Matrix([*state, *rig])
-    P = sympy.Matrix(theta(*rig))
-    outputs = qdd, qdd.jacobian(arguments), M, kinetic + potential, P, P.jacobian(sympy.Matrix(rig))
-    return sympy.lambdify([rig, state, tau], outputs, 'numpy', cse=True)
+    excess = M * sympy.Matrix(a) + momentum.jacobian(q) * v - lagrangian.jacobian(q).T - forces
+    slopes, P = excess.jacobian(sympy.Matrix([*state, *rig])), sympy.Matrix(theta(*rig))
+    outputs = M, excess, slopes, kinetic + potential, P, P.jacobian(sympy.Matrix(rig))
+    return sympy.lambdify([rig, state, tau, a], outputs, 'numpy', cse=True)
 
 
 def lagrange(rig, x, tau):
-    """Return the outputs of ``derived`` for a rig of any model."""
-    qdd, by, M, E, P, P_by = derived()([*rig, *[0.0] * (SIZE - len(rig))], x, tau)
-    size = len(rig) - 2
-    return qdd.ravel(), by[:, : 4 + len(rig)], M, E, P.ravel()[:size], P_by[:size, : len(rig)]
+    """Return accelerations, their derivatives by state and rig, M, energy, theta, and its derivatives by the rig.
+
+    The rig has any model. The derivatives are of the implicit function.
+    """
+    full, size = [*rig, *[0.0] * (SIZE - len(rig))], len(rig) - 2
+    M, excess, *_ = derived()(full, x, tau, (0.0, 0.0))
+    qdd = -np.linalg.solve(M, excess).ravel()
+    _, _, slopes, E, P, P_by = derived()(full, x, tau, qdd)
+    by = -np.linalg.solve(M, slopes[:, : 4 + len(rig)])
+    return qdd, by, M, E, P.ravel()[:size], P_by[:size, : len(rig)]
 
 
 def by_rig(derivatives, P_by):
@@ -80,11 +97,11 @@ def assert_near(found, expected, tolerance):
 @given(rigs(), angles, velocities, torques)
 def test_dynamics_agree_with_lagranges_equations(rig, q, v, tau):
     qdd, by, M, E, P, P_by = lagrange(rig, [*q, *v], tau)
-    assert_near(mass_matrix(P, q), M, 1e-12)
-    assert float(energy(P, q, v)) == pytest.approx(E, rel=1e-9, abs=1e-9)
-    assert_near(forward_dynamics(P, q, v, tau), qdd, 1e-9)
-    assert_near(accelerations(tuple(map(float, P)), *map(float, [*q, *v, *tau]), lib=math), qdd, 1e-9)
-    found, derivatives = acceleration_derivatives(P, q[:, None], v[:, None], tau[:, None])
+    assert_near(dynamics.mass_matrix(P, q), M, 1e-12)
+    assert float(dynamics.energy(P, q, v)) == pytest.approx(E, rel=1e-9, abs=1e-9)
+    assert_near(dynamics.forward_dynamics(P, q, v, tau), qdd, 1e-9)
+    assert_near(dynamics.accelerations(tuple(map(float, P)), *map(float, [*q, *v, *tau]), lib=math), qdd, 1e-9)
+    found, derivatives = dynamics.acceleration_derivatives(P, q[:, None], v[:, None], tau[:, None])
     assert_near(found[:, 0], qdd, 1e-9)
     assert_near(by_rig(derivatives[..., 0], P_by), by, 1e-8)
 
@@ -110,16 +127,18 @@ def step(rig, x, X, tau, h):
 
 @both_paths
 @settings(max_examples=40)
-@given(rigs(), st.integers(0, 10**6))
-def test_rollouts_and_sensitivities_are_runge_kutta_steps_of_lagranges_equations(compiled, rig, seed):
+@given(rigs(), st.sampled_from([1, 3, 42, 300]), st.integers(0, 10**6))
+def test_rollouts_and_sensitivities_are_runge_kutta_steps_of_lagranges_equations(compiled, rig, lanes, seed):
+    """The numbers of lanes are one, few, no multiple of the kernel's block size, and many blocks."""
     rng = np.random.default_rng(seed)
-    steps, lanes, h = 3, 5, 1e-4
+    steps, h = 3, 1e-4
     start, tau = rng.normal(scale=[[2], [2], [8], [8]], size=(4, lanes)), rng.normal(size=(2, steps, lanes))
     *_, P, P_by = lagrange(rig, start[:, 0], tau[:, 0, 0])
     with path(compiled):
         states = roll(P, start, tau, h)
         derivatives = sensitivities(P, states, tau, h)
-    for lane in range(lanes):
+        np.testing.assert_array_equal(sensitivities(P, states, tau, h, every=2), derivatives[::2])
+    for lane in {0, lanes // 2, lanes - 1}:
         x, X = start[:, lane], np.eye(4, 4 + len(rig))
         for k in range(steps):
             assert_near(by_rig(derivatives[k, :, :, lane], P_by), X, 1e-8)

@@ -15,20 +15,17 @@ from scipy.integrate import solve_ivp
 from pendubot_identification import kernel
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.dynamics import forward_dynamics
-from pendubot_identification.model.parameters import MODELS, PAPER, Parameters
+from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.rollout import roll, sensitivities
 from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate, substeps
-from test.model.paths import both_paths, path
-from test.virtual import C1, GEARED, STIFF, vector
+from test.model.test_dynamics import both_paths, path
+from test.virtual import C1, GEARED, STIFF
 
 #: The paper's rig; the same with a geared motor at each joint; a heavier rig, whose friction stops it in 2 ms.
 RIGS = {
     'paper': PAPER,
     'paper, geared': replace(PAPER, Fc1=0.005, Fc2=0.001, J2=1e-4, Fs1=0.003, Fs2=0.0005, k1=0.2, k2=0.2),
-    'heavy, geared': Parameters(
-        *(0.06, 0.05, 0.032, 0.23, 0.16, 0.001, 0.001, 0.25, 0.19, 0.0026),
-        *(0.1, 0.1, 0.2, 0.2),
-    ),
+    'heavy, geared': Parameters.from_vector(GEARED),
 }
 
 
@@ -92,37 +89,10 @@ def test_a_delayed_plant_moves_as_under_delayed_torques(delay_ms, torques, perio
         np.testing.assert_allclose((*late.q, *late.qd), (*plain.q, *plain.qd), rtol=1e-6, atol=1e-8)
 
 
-models = pytest.mark.parametrize('model', MODELS)
-#: One lane; few; no multiple of the kernel's block size; many blocks.
-LANES = (1, 3, 42, 300)
-
-
 def motion(lanes, steps, seed=1):
     """Return random states, and random torques at both joints."""
     rng = np.random.default_rng(seed)
     return rng.normal(scale=[[1], [1], [4], [4]], size=(4, lanes)), rng.normal(size=(2, steps, lanes))
-
-
-@both_paths
-@models
-@pytest.mark.parametrize('lanes', LANES)
-def test_results_do_not_depend_on_the_number_of_lanes(compiled, model, lanes):
-    theta, h = vector(model), 1e-3
-    x, tau = motion(max(LANES), 30)
-    x, tau = x[:, -lanes:], tau[:, :, -lanes:]
-    with path(compiled):
-        states = roll(theta, x, tau, h)
-        assert states.shape == (31, 4, lanes)
-        np.testing.assert_array_equal(states[0], x)
-        derivatives = sensitivities(theta, states, tau, h)
-        assert derivatives.shape == (31, 4, 4 + len(theta), lanes)
-        np.testing.assert_array_equal(sensitivities(theta, states, tau, h, every=7), derivatives[::7])
-        for lane in {0, lanes // 2, lanes - 1}:
-            alone = slice(lane, lane + 1)
-            single = roll(theta, x[:, alone], tau[:, :, alone], h)
-            np.testing.assert_allclose(states[:, :, alone], single, rtol=1e-12, atol=1e-12)
-            expected = sensitivities(theta, single, tau[:, :, alone], h)
-            np.testing.assert_allclose(derivatives[..., alone], expected, rtol=1e-9, atol=1e-12)
 
 
 @both_paths

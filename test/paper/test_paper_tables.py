@@ -13,19 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.optimizers.optimizer import OptimizationResult
-from pendubot_identification.paper import paper_tables
+from pendubot_identification.paper import paper_tables, trials
 from pendubot_identification.paper.competitors import FUNCTIONS
 from pendubot_identification.paper.paper_tables import AVERAGE, TABLE_4, Table
-from pendubot_identification.paper.trials import (
-    ALGORITHMS,
-    IDENTIFICATION,
-    PER_VECTOR,
-    TARGET,
-    Outcome,
-    compete,
-    ranks,
-    seed_of,
-)
+from pendubot_identification.paper.trials import ALGORITHMS, TARGET, Outcome, compete
 
 
 def outcome(function, algorithm, values, spent=100, n=2, threshold=None):
@@ -75,8 +66,8 @@ def test_the_sweep_reports_the_fastest_of_the_most_reliable_thresholds():
     good, bad = [1e-6] * 4, [1e-6, 1, 1, 1]
     outcomes = [
         outcome(problem, algorithm, values, spent, threshold=threshold)
-        for problem in ('Sphere', IDENTIFICATION)
-        for algorithm in ('MDE', PER_VECTOR)
+        for problem in ('Sphere', trials.IDENTIFICATION)
+        for algorithm in ('MDE', trials.PER_VECTOR)
         for threshold, values, spent in ((0.0, good, 900), (0.3, good, 500), (1.0, bad, 100))
     ]
     table = paper_tables.threshold_table(outcomes)
@@ -101,7 +92,7 @@ def test_the_default_seed_reproduces_the_papers_table_4():
     generations = {}
     for f in FUNCTIONS:
         for algorithm in ('PSO', 'MDE'):
-            result = compete(algorithm, f, 2, runs=100, seed=seed_of(1, 'competition', f.name, algorithm))
+            result = compete(algorithm, f, 2, runs=100, seed=trials.seed_of(1, 'competition', f.name, algorithm))
             if algorithm == 'PSO':
                 assert 1 / 3 < result.value.mean() / TABLE_4[f.name, algorithm][AVERAGE] < 3
             else:
@@ -122,7 +113,7 @@ def test_ranks_order_runs_by_error_or_by_evaluations_to_the_target(first, second
         OptimizationResult(None, np.array(value), np.array(spent), None, (), 0, 1)
         for value, spent in (zip(*sample, strict=True) for sample in (first, second))
     ]
-    numbers = np.concatenate(ranks(results))
+    numbers = np.concatenate(trials.ranks(results))
     keys = [(value > TARGET, value if value > TARGET else spent) for value, spent in (*first, *second)]
     for key, number in zip(keys, numbers, strict=True):
         for other, another in zip(keys, numbers, strict=True):

@@ -25,7 +25,7 @@ from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.tracking.events import Change, Disturbance, State
 from test.browser import BRIGHTNESS, NEEDS_BROWSER, launched, serious, watched
 from test.identified import made
-from test.report.pictures import swing
+from test.report.test_plots import swing
 
 pytestmark = NEEDS_BROWSER
 

@@ -24,7 +24,7 @@ from pendubot_identification.results.provenance import IN_MEMORY
 from pendubot_identification.results.result import PartialResult, Result, read_complete_result, result_text, structured
 from test.identified import identified, made, plain
 from test.identified import result as typed
-from test.report.pictures import every_picture, motion, pictures, swing
+from test.report.test_plots import every_picture, motion, pictures, swing
 
 VOID = {'meta', 'link', 'img', 'input'}
 

@@ -10,18 +10,8 @@ from dataclasses import asdict
 import pytest
 
 from pendubot_identification.model.parameters import NAMES, PAPER
-from pendubot_identification.report.tables import (
-    Table,
-    comparison_table,
-    effects_table,
-    estimate,
-    number,
-    parameter_table,
-    relative_half_width,
-    summary,
-    verdict,
-    zero_table,
-)
+from pendubot_identification.report import tables
+from pendubot_identification.report.tables import Table, number, parameter_table, summary
 from test.identified import plain
 from test.identified import result as typed
 
@@ -106,17 +96,17 @@ def test_intervals_depend_on_the_degrees_of_freedom_of_the_standard_errors():
     first['interval'] = [first['value'] - 0.318, first['value'] + 0.318]
     for parameters in (result['parameters'], result['criteria'][result['criterion']]['parameters']):
         parameters['P1'] = first
-    assert relative_half_width(typed(result).parameters['P1']) == 1.0
-    assert estimate(typed(result).parameters['P1'], '.2f').endswith('± 0.32')
-    assert '± 0.31' in comparison_table(typed(result)).text()
+    assert tables.relative_half_width(typed(result).parameters['P1']) == 1.0
+    assert tables.estimate(typed(result).parameters['P1'], '.2f').endswith('± 0.32')
+    assert '± 0.31' in tables.comparison_table(typed(result)).text()
 
 
 @pytest.mark.parametrize(('accepted', 'status'), [(True, 'compensated'), (False, 'possible')])
 def test_effects_are_shown_as_compensated_or_possible(accepted, status):
     effect = {'name': 'dead zone', 'where': 'motor', 'sizes': [0.02], 'gain': 81.2, 'z': 7.3, 'moved': [0.01] * 5}
     result = plain() | {'effects': [effect | {'accepted': accepted}]}
-    assert columns(effects_table(typed(result)).text())['dead zone (motor)'] == [status, '81', '7.3']
-    assert effects_table(typed(result | {'unmodelled': None, 'effects': []})) is None
+    assert columns(tables.effects_table(typed(result)).text())['dead zone (motor)'] == [status, '81', '7.3']
+    assert tables.effects_table(typed(result | {'unmodelled': None, 'effects': []})) is None
 
 
 def test_the_summary_ends_with_the_warnings():
@@ -128,7 +118,7 @@ def test_the_summary_ends_with_the_warnings():
 
 def test_parameters_that_the_level_ok_does_not_cover_are_listed():
     result = plain() | {'not_covered': {'b2': 'its 95 % interval reaches 0'}}
-    assert verdict(typed(result)) == f'{OK}; do not rely on b2 (its 95 % interval reaches 0)'
+    assert tables.verdict(typed(result)) == f'{OK}; do not rely on b2 (its 95 % interval reaches 0)'
 
 
 def test_findings_explained_by_a_fault_are_counted_instead_of_shown():
@@ -144,8 +134,8 @@ def test_findings_explained_by_a_fault_are_counted_instead_of_shown():
 
 def test_errors_of_the_zeros_are_shown_with_the_half_widths_of_their_intervals():
     result = plain(('energy',))
-    assert zero_table(typed(result)) is None
+    assert tables.zero_table(typed(result)) is None
     result['zeros'] = [{'recording': 'swing', 'q1': -3.26, 'q1_std_error': 0.12, 'q2': None, 'q2_std_error': None}]
-    text = zero_table(typed(result)).text()
+    text = tables.zero_table(typed(result)).text()
     assert columns(text) == {'errors of the zeros [degrees]': ['q1', 'q2'], 'swing': ['-3.3 ± 0.2', '-']}
     assert text in summary(typed(result))

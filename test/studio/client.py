@@ -19,9 +19,6 @@ class Studio(Program):
 
     def __init__(self, *files, program=('pendubot', 'studio', '--no-browser'), **how):
         super().__init__(*program, *files, **how)
-        self.find()
-
-    def find(self):
         self.address = self.wait_for('studio: ').split()[1]
         self.port, self.root = urlsplit(self.address).port, urlsplit(self.address).path
 
