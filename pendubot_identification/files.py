@@ -113,8 +113,8 @@ def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = Fals
 class OutputFolder:
     """A folder for the files of one result, created and checked before a long computation.
 
-    At the end of its context an empty folder is removed. With ``overwrite``, files of the same names are replaced, and
-    other files remain.
+    At the end of its context an empty folder is removed, with the created folders above it. With ``overwrite``, files
+    of the same names are replaced, and other files remain.
 
     Raises:
         ResultError: it is not empty, or cannot be written.
@@ -122,11 +122,17 @@ class OutputFolder:
 
     def __init__(self, path: Path, *, overwrite: bool = False) -> None:
         self.path = path
+        self._created: list[Path] = []
         with writing(path):
-            path.mkdir(parents=True, exist_ok=True)
-            used = any(path.iterdir())
-            with tempfile.TemporaryFile(dir=path):
-                pass
+            try:
+                self._created = [folder for folder in (path, *path.parents) if not folder.exists()]
+                path.mkdir(parents=True, exist_ok=True)
+                used = any(path.iterdir())
+                with tempfile.TemporaryFile(dir=path):
+                    pass
+            except OSError:
+                self.__exit__()
+                raise
         if used and not overwrite:
             raise ResultError(f'{path} exists already and is not empty; choose another name or {OVERWRITE}')
 
@@ -135,7 +141,8 @@ class OutputFolder:
 
     def __exit__(self, *_: object) -> None:
         with suppress(OSError):  # a folder with files remains
-            self.path.rmdir()
+            for folder in self._created:
+                folder.rmdir()
 
     def write(self, files: Mapping[str, str | bytes]) -> None:
         """Write all files or none, by names that may include a folder. May raise ResultError."""
