@@ -101,7 +101,7 @@ class JointDecoder:
         if missing := [name for name in self._joint_names if name not in state.name]:
             raise BagError(
                 f'{where} has no joint {missing[0]!r}; its joints are {listed}: name two of these with --joints '
-                'SHOULDER,ELBOW'
+                'SHOULDER,ELBOW (in ROS and Python joint_names)'
             )
         if missing := [name for name in self._effort_names if name not in state.name]:
             raise BagError(

@@ -97,7 +97,7 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion, word: st
     if not any(map(str.strip, head)):
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')
     if any(line.startswith('# name: ') for line in head[:10]):
-        raise TableError(f"{path} is in Octave's text format; in Octave, save it with save -v7 run.mat")
+        raise TableError(f"{path} is in Octave's text format; export it from Octave by save -v7 run.mat")
     title = head[above].lstrip('# ') if len(head) > above else ''  # numpy writes a # before the names
     likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
     delimiter = max(likely, key=title.count)

@@ -177,7 +177,7 @@ UNUSABLE = {
     ),
     'octave.txt': (
         lambda path: path.write_text('# Created by Octave 8.4\n# name: t\n# type: matrix\n 0\n'),
-        "is in Octave's text format; in Octave, save it with save -v7 run.mat",
+        "is in Octave's text format; export it from Octave by save -v7 run.mat",
     ),
     'blank.xlsx': (in_excel, 'holds no columns of numbers'),
     'names.xlsx': (lambda path: in_excel(path, NAMES), 'holds no row of numbers'),
