@@ -9,11 +9,11 @@ All values are plain YAML and JSON, so that file, ``--json``, report, messages a
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,60 @@ SCHEMA = 1
 #: The parameters of every result file; the name of such a file in messages.
 REQUIRED = NAMES[: MODELS['viscous']]
 EXPECTED = 'name a file that pendubot identify wrote'
+
+
+def _read_by(read: Callable[[Any], Any]) -> Any:
+    """Return the type of entries that a function validates, for pydantic 1 (of Ubuntu 24.04) and 2."""
+
+    class Entry:
+        @classmethod
+        def __get_validators__(cls) -> Iterator[Callable[[Any], Any]]:
+            yield read
+
+        @classmethod
+        def __get_pydantic_core_schema__(cls, _: object, handler: Any) -> Any:
+            from pydantic import PlainValidator
+
+            return PlainValidator(read).__get_pydantic_core_schema__(Any, handler)
+
+    return Entry
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, (int, float, str)) and not isinstance(value, bool):
+        with suppress(ValueError, OverflowError):
+            return known(float(value))  # YAML reads 4e-4 as a text
+    raise ValueError('a number is expected')
+
+
+def _finite(value: Any) -> float:
+    if (number := _number(value)) is None:
+        raise ValueError('a number is expected')
+    return number
+
+
+def _size(value: Any) -> float | None:
+    if (number := _number(value)) is not None and number < 0:
+        raise ValueError('a number of at least 0 is expected')
+    return number
+
+
+def _level(value: Any) -> Level:
+    if not isinstance(value, str) or value not in Level.__members__:
+        raise ValueError(f'one of {", ".join(Level.__members__)} is expected')
+    return Level[value]
+
+
+if TYPE_CHECKING:
+    Finite = float
+    Number = float | None
+    Size = float | None
+    LevelByName = Level
+else:
+    Finite = _read_by(_finite)
+    Number = _read_by(_number) | None  #: None if unknown.
+    Size = _read_by(_size) | None  #: the same, of at least 0.
+    LevelByName = _read_by(_level)
 
 
 def known(value: Any) -> Any:
@@ -56,10 +110,10 @@ def plain(result: PartialResult) -> dict[str, Any]:
 class Parameter:
     """An estimated parameter."""
 
-    value: float
-    std_error: float | None = None
-    degrees_of_freedom: float | None = None  #: of the standard error; None for a normal distribution.
-    interval: tuple[float | None, float | None] = (None, None)  #: 95 % confidence interval.
+    value: Finite
+    std_error: Size = None
+    degrees_of_freedom: Number = None  #: of the standard error; None for a normal distribution.
+    interval: tuple[Number, Number] = (None, None)  #: 95 % confidence interval.
     unit: str = ''
     on_bound: bool | None = None  #: whether the value lies on a bound of its search interval.
     determined: bool | None = None  #: whether the motion determines the parameter; None if it was fixed.
@@ -79,8 +133,8 @@ class DataFault:
     name: str
     found: str
     remedy: str
-    unexplained: float | None
-    corrected: float | None
+    unexplained: Number
+    corrected: Number
     options: list[str]
 
 
@@ -90,9 +144,9 @@ class ReportedEffect:
 
     name: str
     where: str
-    sizes: list[float | None]
-    gain: float | None
-    z: float | None
+    sizes: list[Number]
+    gain: Number
+    z: Number
     accepted: bool
 
 
@@ -101,9 +155,9 @@ class EffortTiming:
     """Hold and delay [s] of the effort; ``linear_lag`` is the delay for linear interpolation between samples."""
 
     hold: str = 'zero'
-    delay: float = 0.0
-    delay_std_error: float | None = None
-    linear_lag: float = 0.0
+    delay: Finite = 0.0
+    delay_std_error: Number = None
+    linear_lag: Finite = 0.0
     unit: str = 's'
 
 
@@ -112,10 +166,10 @@ class ZeroError:
     """The errors of a recording's zeros: recorded minus true angles."""
 
     recording: str
-    q1: float | None
-    q1_std_error: float | None
-    q2: float | None
-    q2_std_error: float | None
+    q1: Number
+    q1_std_error: Number
+    q2: Number
+    q2_std_error: Number
     unit: str = 'degree'
 
 
@@ -124,11 +178,11 @@ class CriterionValue:
     """Value J of a criterion for the estimate and for each run of MDE, and its exact minimum if known."""
 
     unit: str
-    training: float | None
-    training_runs: list[float | None]
-    least_squares: float | None
+    training: Number
+    training_runs: list[Number]
+    least_squares: Number
     residuals: int
-    validation: float | None
+    validation: Number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,10 +190,10 @@ class Predicted:
     """Simulation errors in standard deviations, and the fit of each state in per cent, by horizon [s]."""
 
     method: str = ''  #: validation method.
-    horizons: list[float]
-    error: list[float | None]
-    persistence: list[float | None]
-    fit: dict[str, list[float | None]]
+    horizons: list[Finite]
+    error: list[Number]
+    persistence: list[Number]
+    fit: dict[str, list[Number]]
     starts: list[int]
 
 
@@ -147,9 +201,9 @@ class Predicted:
 class LinkLength:
     """Length of link 1: P3 / P5 by the elbow's equation of motion, and the measured value."""
 
-    value: float | None
-    std_error: float | None
-    expected: float | None
+    value: Number
+    std_error: Number
+    expected: Number
     unit: str = 'm'
 
 
@@ -161,7 +215,7 @@ class Search:
     population: int
     generations: int
     per_component: bool
-    spread: float | None
+    spread: Number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,19 +223,19 @@ class CriterionAnswer:
     """The estimate by one criterion, see :class:`.estimate.Estimate`."""
 
     parameters: dict[str, Parameter]
-    level: Level
+    level: LevelByName
     warnings: list[str]
     consequences: list[str]
     effort: EffortTiming
     J: CriterionValue
     prediction: Predicted
-    condition_number: float | None
-    unexplained: float | None
+    condition_number: Number
+    unexplained: Number
     zeros: list[ZeroError]
     steps: list[str]
     mde: Search | None
     uncertainty: str
-    correlation: list[list[float | None]]
+    correlation: list[list[Number]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,16 +252,16 @@ class Provenance(Software):
     criteria: list[str]
     model: str
     optimizer: str
-    sliding_window: float | None
-    smoothing: float | None
+    sliding_window: Number
+    smoothing: Number
     hold: str
-    delays: list[float]
-    start: list[float] | None
-    link_length: float | None
-    link_mass: float | None = None
+    delays: list[Finite]
+    start: list[Finite] | None
+    link_length: Number
+    link_mass: Number = None
     seed: int
-    lower_bounds: list[float]
-    upper_bounds: list[float]
+    lower_bounds: list[Finite]
+    upper_bounds: list[Finite]
     applied: list[str]  #: conversion options that the program applied as corrections.
 
 
@@ -221,7 +275,7 @@ class PartialResult:
     """Parameters, and further entries for other programs; a file written by hand has parameters alone."""
 
     parameters: dict[str, Parameter]  #: in the order of theta; zero parameters may be absent.
-    level: Level | None = None  #: None if the parameters were not assessed.
+    level: LevelByName | None = None  #: None if the parameters were not assessed.
     not_covered: dict[str, str] = field(default_factory=dict)  #: reason by parameter that the level does not cover.
     warnings: list[str] = field(default_factory=list)
     criterion: str | None = None
@@ -245,7 +299,7 @@ class PartialResult:
 class Result(PartialResult):
     """The result of an identification; ``field()`` requires entries that may be absent from a partial result."""
 
-    level: Level = field()
+    level: LevelByName = field()
     warnings: list[str] = field()
     criterion: str = field()
     model: str = field()
@@ -254,17 +308,17 @@ class Result(PartialResult):
     bags: list[Source] = field()
     consequences: list[str]  #: further findings that follow from a severe fault.
     faults: list[DataFault]
-    unmodelled: list[float | None] | None  #: unexplained fraction of the innovation variance of shoulder and elbow.
+    unmodelled: list[Number] | None  #: unexplained fraction of the innovation variance of shoulder and elbow.
     advice: list[str]
     not_in_model: list[str]  #: parameters without influence on this rig, and the reason.
     zeros: list[ZeroError]
-    smoothing: float
+    smoothing: Finite
     J: CriterionValue
     prediction: Predicted
     link_length: LinkLength
-    condition_number: float | None
+    condition_number: Number
     criteria: dict[str, CriterionAnswer]
-    covariance: list[list[float | None]]
+    covariance: list[list[Number]]
     covariance_rank: int  #: below the number of parameters if it comes from few recordings.
     reading: dict[str, str]  #: conversion options of the recordings, see :class:`.conversion.Conversion`.
 
@@ -274,14 +328,14 @@ class Tracked:
     """The history of tracked parameters."""
 
     bags: list[str]
-    until: float  #: the last time [s].
+    until: Finite  #: the last time [s].
     notes: dict[str, int]  #: number of occurrences by remark.
     windows: list[str]  #: informative windows, BAG@START:END.
     events: list[dict[str, Any]]  #: changes, disturbances and losses, each with its kind, times [s] and text.
-    t: list[float]  #: times of the following histories [s].
-    unexplained: list[float | None]  #: unexplained torque [N m].
-    values: dict[str, list[float]]
-    std_errors: dict[str, list[float | None]]
+    t: list[Finite]  #: times of the following histories [s].
+    unexplained: list[Number]  #: unexplained torque [N m].
+    values: dict[str, list[Finite]]
+    std_errors: dict[str, list[Number]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,7 +384,6 @@ def structured(kind: type[T], data: Any, file: object) -> T:
     """Return the content of a file as a result; unknown entries are ignored. May raise ResultError."""
     import pydantic
 
-    data = _with_levels(known(data))
     try:
         if hasattr(pydantic, 'TypeAdapter'):
             return pydantic.TypeAdapter(kind).validate_python(data)
@@ -342,7 +395,7 @@ def structured(kind: type[T], data: Any, file: object) -> T:
         raise ResultError(f'{file} has no entry {entry}; {EXPECTED}, unchanged')
     value = problem.get('input', {})  # missing in pydantic 1
     found = '' if isinstance(value, dict) else f' is {value!r}'
-    raise ResultError(f'{file}: {entry}{found}; {problem["msg"]}; {EXPECTED}, unchanged')
+    raise ResultError(f'{file}: {entry}{found}; {problem["msg"].removeprefix("Value error, ")}; {EXPECTED}, unchanged')
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -359,11 +412,3 @@ def _read(path: Path) -> dict[str, Any]:
             f'{", ".join(REQUIRED)} and, if they are not 0, for {", ".join(NAMES[len(REQUIRED) :])}'
         )
     return {**data, 'parameters': {name: entries[name] for name in NAMES if name in entries}}
-
-
-def _with_levels(data: Any) -> Any:
-    """Return the content of a file with levels in the place of their names."""
-    if not isinstance(data, dict):
-        return data
-    levels = {'level': Level[data['level']]} if str(data.get('level')) in Level.__members__ else {}
-    return {key: _with_levels(value) for key, value in data.items()} | levels
