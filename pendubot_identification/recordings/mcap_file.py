@@ -3,8 +3,8 @@
 
 """Reads one .mcap file, and the intact chunks of an unclosed or damaged one.
 
-The mcap library parses the summary, chunks and definitions (https://mcap.dev/spec); numpy reads the messages of many
-records at once. A closed file ends with an index of its chunks. For any other file, a scan makes the index.
+The mcap library parses single records (https://mcap.dev/spec); numpy reads the messages of many records at once. A
+closed file ends with an index of its chunks. For any other file, a scan makes the index.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Channel, Chunk, Message, Schema, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import DTypeLike, NDArray
 
@@ -40,6 +39,8 @@ MAGIC = b'\x89MCAP0\r\n'
 HEAD = struct.Struct('<BQ')
 #: The footer's record: offset of the summary, offset of the summary offsets, and checksum.
 FOOTER = struct.Struct('<9xQQI')
+#: The start of a chunk's index: first and last log time, offset and size of the chunk.
+INDEX = struct.Struct('<4q')
 #: A message's record up to its data; ``length`` is the size of the last four fields and the data.
 MESSAGE = np.dtype('u1, <u8, <u2, <u4, <i8, <i8')
 MESSAGE.names = ('opcode', 'length', 'channel', 'sequence', 'logged', 'published')
@@ -130,7 +131,7 @@ class McapFile:
             if os.pread(self._descriptor, len(MAGIC), 0) != MAGIC:
                 raise BagError(f'{path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
             try:
-                self._read_summary(file)
+                self._read_summary()
             except Exception:  # the parsers raise many types for damaged bytes
                 self.closed = False
             if self.first_ns is None:
@@ -211,26 +212,26 @@ class McapFile:
             f'window without that time, or save its intact messages with pendubot repair {self.path.parent}'
         )
 
-    def _read_summary(self, file: IO[bytes]) -> None:
+    def _read_summary(self) -> None:
         """Read definitions, counts and the index of chunks from the end of the file, or raise any exception."""
         end = self._size - FOOTER.size - len(MAGIC)
         start, _, checksum = FOOTER.unpack(self._read(end, FOOTER.size))
         # An index with a wrong time would hide messages.
-        start = start or end
-        if checksum and zlib.crc32(self._read(start, end + FOOTER.size - start)[:-4]) != checksum:
+        summary = self._read(start or end, end + FOOTER.size - (start or end))
+        if checksum and zlib.crc32(summary[:-4]) != checksum:
             raise ValueError('the summary is damaged')
-        summary = make_reader(file).get_summary()
-        if summary is None:
-            return
-        self.schemas, self.channels, statistics = summary.schemas, summary.channels, summary.statistics
+        index, statistics = array('q'), None
+        for opcode, begin, stop in _records(summary):
+            # The library would need most of the time of a short window for the indices of an hour.
+            if opcode == Opcode.CHUNK_INDEX:
+                index.extend(INDEX.unpack_from(summary, begin))
+            elif opcode == Opcode.STATISTICS:
+                statistics = _record(Statistics, summary[begin:stop])
+            elif opcode in DEFINITIONS:
+                self._define(_record(DEFINITIONS[opcode], summary[begin:stop]))
         # Without an index, the file is scanned.
-        if statistics and statistics.message_count and statistics.chunk_count == len(summary.chunk_indexes) > 0:
-            self._index = np.array(
-                [
-                    (chunk.message_start_time, chunk.message_end_time, chunk.chunk_start_offset, chunk.chunk_length)
-                    for chunk in summary.chunk_indexes
-                ]
-            )
+        if statistics and statistics.message_count and statistics.chunk_count == len(index) // 4 > 0:
+            self._index = np.array(index).reshape(-1, 4)
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
             self._counts.update(statistics.channel_message_counts)
 
@@ -294,13 +295,11 @@ def parse_records(data: bytes, *, whole: bool = True) -> tuple[Messages, list[Sc
         starts, end = np.arange(0, len(heads) * size, size), len(heads) * size
     else:
         places = array('q')
-        while end + HEAD.size <= len(data):
-            opcode, length = HEAD.unpack_from(data, end)
-            begin, stop = end + HEAD.size, end + HEAD.size + length
-            if opcode == Opcode.MESSAGE and stop <= len(data):
+        for opcode, begin, stop in _records(data):
+            if opcode == Opcode.MESSAGE:
                 places.append(end)
-            elif opcode in DEFINITIONS and stop <= len(data):
-                definitions.append(DEFINITIONS[opcode].read(ReadDataStream(BytesIO(data[begin:stop]))))
+            elif opcode in DEFINITIONS:
+                definitions.append(_record(DEFINITIONS[opcode], data[begin:stop]))
             else:
                 break
             end = stop
@@ -316,6 +315,23 @@ def parse_records(data: bytes, *, whole: bool = True) -> tuple[Messages, list[Sc
     return messages, definitions, end
 
 
+def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, start and end of the content of each complete record."""
+    end = 0
+    while end + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, end)
+        begin = end + HEAD.size
+        end = begin + length
+        if end > len(data):
+            return
+        yield opcode, begin, end
+
+
+def _record(kind: Any, content: bytes) -> Any:
+    """Return a record as the library parses it."""
+    return kind.read(ReadDataStream(BytesIO(content)))
+
+
 def _gathered(data: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
     """Return the values of one dtype at the offsets ``places`` in bytes, shape (N,)."""
     everywhere = np.ndarray((max(len(data) - kind.itemsize + 1, 0), kind.itemsize), np.uint8, data, 0, (1, 1))
@@ -324,7 +340,7 @@ def _gathered(data: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]
 
 def _unpacked(record: bytes) -> bytes:
     """Return the records in a chunk, decompressed and checked, or raise any exception."""
-    chunk = Chunk.read(ReadDataStream(BytesIO(record[HEAD.size :])))
+    chunk = _record(Chunk, record[HEAD.size :])
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
     return stream.read(size)
 
