@@ -117,6 +117,12 @@ class PtyServer:
 
     def _plug(self) -> None:
         self._master, slave = pty.openpty()
+        if os.ttyname(slave) == self._slave_path:
+            # The system returned the same path; a reconnected device has another path, so take the next.
+            former = self._master, slave
+            self._master, slave = pty.openpty()
+            for descriptor in former:
+                os.close(descriptor)
         tty.setraw(slave)
         self._slave_path = os.ttyname(slave)
         # Closed here, so that the kernel reports a connected host, and buffers nothing without a host.

@@ -43,7 +43,7 @@ with --ros-args and an installed ROS it is also a node with one parameter, paylo
 (3/2 P2 / P5 from the elbow), which may change during the motion:
   ros2 param set /virtual_board payload 0.03
 
-signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 reconnects it (--link leads to the new pty)
+signals: SIGUSR1 pulls the cable in the middle of a frame, SIGUSR2 reconnects it (--link then leads to another pty)
 
 exit status: 0 success or ended by a signal, 1 a failure explained in one line, 2 wrong usage"""
 
