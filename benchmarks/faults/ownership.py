@@ -10,7 +10,6 @@ import itertools
 import os
 import signal
 import time
-from dataclasses import replace
 
 import numpy as np
 
@@ -120,9 +119,9 @@ def forged(folder, _):
     """HELLO has a sample period of a second, no speed limit, or an enormous speed limit."""
     refused, given = 0, set()
     lies = {
-        'a sample period of 1000 ms': lambda h: replace(h, sample_period_us=MICRO),
-        'no limit': lambda h: replace(h, limits=replace(h.limits, max_speed=0)),
-        'a limit of 4': lambda h: replace(h, limits=replace(h.limits, max_speed=4_000_000)),
+        'a sample period of 1000 ms': lambda h: h._replace(sample_period_us=MICRO),
+        'no limit': lambda h: h._replace(limits=h.limits._replace(max_speed=0)),
+        'a limit of 4': lambda h: h._replace(limits=h.limits._replace(max_speed=4_000_000)),
     }
     for lie, change in lies.items():
         with running_rig(folder / lie.replace(' ', '_'), tapped=True) as rig:

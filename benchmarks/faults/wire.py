@@ -17,8 +17,7 @@ CPR, LIMIT = 4000, 1_500_000
 
 
 def hello(seq, t_us, boot_id=77):
-    limits = Limits(max_speed=100_000)
-    return Hello(seq, t_us, boot_id, 1, 500, CPR, CPR, LIMIT, 1000, 'trial', limits=limits)
+    return Hello(seq, t_us, boot_id, 1, 0, 500, CPR, CPR, LIMIT, 1000, 0, 0, 0, Limits(max_speed=100_000), 'trial')
 
 
 def numbered_state(k):

@@ -69,5 +69,5 @@ class Health:
             if hello.torque_constant:
                 values['torque constant [N m/A]'] = hello.torque_constant / 1e6
             # Names and units are those in the protocol and in the firmware's rig.h.
-            values |= asdict(hello.limits)
+            values |= hello.limits._asdict()
         return Diagnosis(level, message, {name: str(value) for name, value in values.items()})

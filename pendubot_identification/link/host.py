@@ -10,7 +10,7 @@ then takes the events, and the bytes for the board, from :attr:`Host.output`.
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from pendubot_identification.level import Level
 
@@ -378,7 +378,7 @@ class Host:
             round(1000 * configured) or board
             for configured, board in zip(config.max_travel, (limits.max_travel1, limits.max_travel2), strict=True)
         ]
-        return replace(limits, max_speed=round(1000 * config.max_speed), max_travel1=travel[0], max_travel2=travel[1])
+        return limits._replace(max_speed=round(1000 * config.max_speed), max_travel1=travel[0], max_travel2=travel[1])
 
     def _why_unusable(self, hello: Hello) -> str:
         """Return the invalid value in a HELLO, and the correction; empty if all values are valid."""

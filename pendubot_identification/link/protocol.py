@@ -12,9 +12,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
 from enum import IntEnum
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 VERSION = 2
@@ -84,8 +82,7 @@ class State(NamedTuple):
     refused: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(NamedTuple):
     """Host to board: disarm (mode 0), hold ``torque`` [micro-N m] for ``watchdog_ms`` (mode 1), or store the
     confirmation of both encoders' zeros (mode 2).
 
@@ -101,8 +98,7 @@ class Command:
     session: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Arm:
+class Arm(NamedTuple):
     """Host to board: arm for COMMANDs of ``session`` (not 0), with torque 0 for ``watchdog_ms``.
 
     ``boot_id`` has to equal the value in HELLO, ``lock`` the value in the newest STATE.
@@ -116,8 +112,7 @@ class Arm:
     watchdog_ms: int
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """The limits at which a board switches its motor off with a fault; 0: no such limit."""
 
     torque_slew: int = 0  #: Slew rate limit of the torque [micro-N m per ms]; no fault.
@@ -131,42 +126,38 @@ class Limits:
     max_vbus: int = 0  #: Largest supply voltage [10 mV].
 
 
-@dataclass(frozen=True, slots=True)
-class Hello:
+class Hello(NamedTuple):
     """Board to host, at boot and on request: the board's identity, scale factors and limits.
 
-    ``cpr1`` and ``cpr2`` are counts per turn, ``torque_limit`` is in micro-N m, ``torque_constant`` in micro-N m per A.
-    ``build`` identifies the firmware's source. ``fault_cause`` and ``fault_pc`` are the exception number and the
-    program counter of the processor fault before this boot; 0: no fault since power-on.
+    ``fault_cause`` and ``fault_pc`` are the exception number and the program counter of the processor fault before this
+    boot; 0: no fault since power-on. ``build`` identifies the firmware's source.
     """
 
     seq: int
     t_us: int
     boot_id: int
     reset_cause: int
+    fault_cause: int
     watchdog_max_ms: int
-    cpr1: int
+    cpr1: int  #: Encoder counts per turn, of the shoulder.
     cpr2: int
-    torque_limit: int
+    torque_limit: int  #: [micro-N m]
     sample_period_us: int
+    fault_pc: int
+    build: int
+    torque_constant: int  #: [micro-N m per A]
+    limits: Limits
     firmware: str
-    fault_cause: int = 0
-    fault_pc: int = 0
-    build: int = 0
-    torque_constant: int = 0
-    limits: Limits = Limits()
 
 
-@dataclass(frozen=True, slots=True)
-class HelloRequest:
+class HelloRequest(NamedTuple):
     """Host to board: send HELLO."""
 
     seq: int
     t_us: int
 
 
-@dataclass(frozen=True, slots=True)
-class Damaged:
+class Damaged(NamedTuple):
     """Dropped bytes, with the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
 
     ``overlong`` is reported once, after more bytes than in the longest frame; the bytes end at the next 0x00.
@@ -180,21 +171,18 @@ class Damaged:
 Message = State | Command | Hello | HelloRequest | Arm
 Event = Message | Damaged
 
-_LIMITS = [f'limits.{field.name}' for field in fields(Limits)]
-_BOOT = 'boot_id', 'reset_cause', 'fault_cause', 'watchdog_max_ms', 'cpr1', 'cpr2', 'torque_limit', 'sample_period_us'
-_HELLO = (*_BOOT, 'fault_pc', 'build', 'torque_constant', *_LIMITS, 'firmware')
-#: By message: its type number, its body, and the fields after type and version in the order of the body.
-_LAYOUTS: dict[type, tuple[int, struct.Struct, attrgetter[tuple[Any, ...]]]] = {
-    kind: (number, struct.Struct(f'<BBHI{payload}'), attrgetter('seq', 't_us', *names))
-    for number, kind, payload, names in (
-        (0x01, State, 'iiihHHIHH', State._fields[2:]),
-        (0x02, Command, 'BxHiI', ('mode', 'watchdog_ms', 'torque', 'session')),
-        (0x03, Hello, 'IBBHIIiIIIIIIIIIHHHH16s', _HELLO),
-        (0x04, HelloRequest, '', ()),
-        (0x05, Arm, 'IIHH', ('boot_id', 'session', 'lock', 'watchdog_ms')),
+#: By message: its type number, and its body of type, version and the message's fields in their order.
+_BODIES: dict[type, tuple[int, struct.Struct]] = {
+    kind: (number, struct.Struct(f'<BBHI{payload}'))
+    for number, kind, payload in (
+        (0x01, State, 'iiihHHIHH'),
+        (0x02, Command, 'BxHiI'),
+        (0x03, Hello, 'IBBHIIiIIIIIIIIIHHHH16s'),
+        (0x04, HelloRequest, ''),
+        (0x05, Arm, 'IIHH'),
     )
 }
-_TYPES: dict[int, Any] = {number: kind for kind, (number, *_) in _LAYOUTS.items()}
+_TYPES: dict[int, Any] = {number: kind for kind, (number, _) in _BODIES.items()}
 _CRC = struct.Struct('<I')
 #: The CRC-32 of any bytes followed by their own CRC-32.
 _CRC_RESIDUE = 0x2144DF1C
@@ -206,10 +194,10 @@ def encode(message: Message) -> bytes:
     Raises:
         struct.error: a field is out of the range of its format.
     """
-    number, body, values_of = _LAYOUTS[type(message)]
-    values = values_of(message)
+    number, body = _BODIES[type(message)]
+    values: tuple[Any, ...] = message
     if isinstance(message, Hello):
-        values = *values[:-1], message.firmware.encode('ascii', 'replace')
+        values = *message[:-2], *message.limits, message.firmware.encode('ascii', 'replace')
     return frame(body.pack(number, VERSION, *values))
 
 
@@ -236,7 +224,7 @@ def _parse(data: bytes, accepted: frozenset[type]) -> Event:
     content = _uncobs(data)
     if content is None:
         return Damaged('cobs')
-    if len(content) < _LAYOUTS[HelloRequest][1].size + _CRC.size:
+    if len(content) < _BODIES[HelloRequest][1].size + _CRC.size:
         return Damaged('length')
     if zlib.crc32(content) != _CRC_RESIDUE:
         return Damaged('crc')
@@ -245,15 +233,15 @@ def _parse(data: bytes, accepted: frozenset[type]) -> Event:
     kind = _TYPES.get(content[0])
     if kind not in accepted:
         return Damaged('type')
-    _, body, _ = _LAYOUTS[kind]
+    _, body = _BODIES[kind]
     if len(content) != body.size + _CRC.size:
         return Damaged('length')
-    _, _, seq, t_us, *values = body.unpack_from(content)
+    _, _, *values = body.unpack_from(content)
     if kind is Hello:
-        contents = dict(zip(_HELLO, values, strict=True))
-        contents['firmware'] = contents['firmware'].rstrip(b'\0').decode('ascii', 'backslashreplace')
-        return Hello(seq, t_us, limits=Limits(*(contents.pop(name) for name in _LIMITS)), **contents)
-    message: Message = kind(seq, t_us, *values)
+        firmware = values.pop().rstrip(b'\0').decode('ascii', 'backslashreplace')
+        first = len(values) - len(Limits._fields)
+        values[first:] = Limits(*values[first:]), firmware
+    message: Message = kind(*values)
     return message
 
 

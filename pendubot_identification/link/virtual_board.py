@@ -56,7 +56,7 @@ class BoardSettings:
     def __post_init__(self) -> None:
         _expect('counts', self.counts, 4, 1 << 24)
         _expect('torque_limit', self.torque_limit, 0, 300)
-        for name, value in asdict(self.limits).items():
+        for name, value in self.limits._asdict().items():
             short = name in ('stall_ms', 'continuous_ma', 'overload_ms', 'max_vbus')
             _expect(name, value, 0, 65535 if short else 0xFFFFFFFF)
 
@@ -303,10 +303,9 @@ class VirtualBoard:
 
     def _hello(self) -> Hello:
         s, seq, t_us = self.settings, self._next_seq(), self._clock_us % WRAP
-        units = s.watchdog_max_ms, s.counts, s.counts, round(s.torque_limit * 1e6), s.sample_period_us
-        return Hello(
-            seq, t_us, self._boot_id, self._reset_cause, *units, 'virtual', 0, 0, 0, _TORQUE_CONSTANT, s.limits
-        )
+        scales = s.counts, s.counts, round(s.torque_limit * 1e6), s.sample_period_us
+        boot = self._boot_id, self._reset_cause, 0, s.watchdog_max_ms
+        return Hello(seq, t_us, *boot, *scales, 0, 0, _TORQUE_CONSTANT, s.limits, 'virtual')
 
     def _next_seq(self) -> int:
         seq, self._seq = self._seq, (self._seq + 1) & 0xFFFF

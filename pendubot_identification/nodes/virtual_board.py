@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from .shutdown import Shutdown, at_signal, ignore_signals
 EPILOG = f"""\
 faults: {', '.join(each.name for each in fields(Faults))}
   (names with _at: seconds after the start; the others: probabilities for each frame or sample)
-limits: {', '.join(each.name for each in fields(Limits))}
+limits: {', '.join(Limits._fields)}
   (in the units of docs/protocol.md; 0: no such limit)
 
 example:
@@ -112,17 +112,17 @@ def make_board(options: argparse.Namespace) -> VirtualBoard:
     plant = LatePlant(parameters, options.delay, (q1, q2))
     # The torque that holds both links horizontal is no stall.
     held = 1.5 * ((parameters.P4 + parameters.P5) * GRAVITY + parameters.Fc1)
-    limits = replace(LIMITS, stall_torque=max(LIMITS.stall_torque, round(1e6 * held)))
-    limits = replace(limits, **_named('limit', options.limit, Limits, int))
+    given = {'stall_torque': max(LIMITS.stall_torque, round(1e6 * held))}
+    limits = LIMITS._replace(**given | _named('limit', options.limit, Limits._fields, int))
     period = round(1e6 / options.rate)
     settings = BoardSettings(options.counts, options.torque_limit, sample_period_us=period, limits=limits)
-    faults = Faults(**_named('fault', options.fault, Faults, float))
+    faults = Faults(**_named('fault', options.fault, [each.name for each in fields(Faults)], float))
     return VirtualBoard(plant, settings, faults, options.seed, held=(q1, q2) != HANGING)
 
 
-def _named(kind: str, texts: Sequence[str], table: type, number: Callable[[str], Any]) -> dict[str, Any]:
-    """Return the values of options of the form NAME=VALUE by name; a NAME is a field of ``table``."""
-    names, values = [each.name for each in fields(table)], {}
+def _named(kind: str, texts: Sequence[str], names: Sequence[str], number: Callable[[str], Any]) -> dict[str, Any]:
+    """Return the values of options of the form NAME=VALUE by name."""
+    values = {}
     for text in texts:
         name, _, value = text.partition('=')
         if name not in names:

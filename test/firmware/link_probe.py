@@ -5,7 +5,6 @@
 
 import struct
 import subprocess
-from dataclasses import astuple
 
 from pendubot_identification.link.protocol import Limits
 
@@ -38,7 +37,7 @@ class LinkProbe:
         build=0,
         torque_constant=0,
     ):
-        settings = *cpr, limit, period_us, watchdog_max_ms, torque_constant, build, *astuple(limits), 0
+        settings = *cpr, limit, period_us, watchdog_max_ms, torque_constant, build, *limits, 0
         reset = fault_pc, fault_cause, reset_cause
         self._call('B', '@IIiIHII5I4HP IBB I17s0P', *settings, *reset, boot_id, firmware.encode())
 

@@ -4,7 +4,6 @@
 """Options and limits of the firmware's Linux program; benchmarks/faults has its faults."""
 
 import subprocess
-from dataclasses import replace
 
 import pytest
 
@@ -46,5 +45,5 @@ def hello_of(*options):
 def test_the_linux_program_has_the_packages_limits_or_the_given_ones():
     assert hello_of().limits == LIMITS
     hello = hello_of('--preset', 'balance', '--limit', 'max_vbus=2500', '--limit', 'max_travel2=0')
-    assert hello.limits == replace(LIMITS, stall_torque=1_920_000, max_vbus=2500, max_travel2=0)
+    assert hello.limits == LIMITS._replace(stall_torque=1_920_000, max_vbus=2500, max_travel2=0)
     assert hello.torque_constant == 100_000

@@ -81,12 +81,11 @@ def test_the_example_frames_of_the_protocol_page_are_correct(probe):
 
 def test_the_board_sends_hello_at_boot_and_on_request(probe):
     limits = Limits(1, 2, 3, 4, 5, 6, 7, 8, 9)
-    log = {'fault_cause': 3, 'fault_pc': 0x08001234, 'build': 0x1A2B3C4D, 'torque_constant': 100_000}
-    bench = Bench(
-        probe, boot_id=7, reset_cause=3, cpr=(1000, 2000), limit=1_500_000, watchdog_max_ms=250, limits=limits, **log
-    )
+    log = {'fault_pc': 0x08001234, 'build': 0x1A2B3C4D, 'torque_constant': 100_000}
+    options = {'cpr': (1000, 2000), 'limit': 1_500_000, 'watchdog_max_ms': 250, 'limits': limits}
+    bench = Bench(probe, boot_id=7, reset_cause=3, fault_cause=9, **options, **log)
     hello, state = bench.events(vbus=0)
-    assert hello == Hello(0, 0, 7, 3, 250, 1000, 2000, 1_500_000, PERIOD, 'virtual', limits=limits, **log)
+    assert hello == Hello(0, 0, 7, 3, 9, 250, 1000, 2000, 1_500_000, PERIOD, *log.values(), limits, 'virtual')
     assert (state.seq, state.status, state.torque, state.cmd_seq, state.lock, state.refused) == (1, 0, 0, 0, 1, 0)
     assert len(bench.events()) == 1
     probe.receive(2 * encode(HelloRequest(1, 0)))

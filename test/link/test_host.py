@@ -29,7 +29,7 @@ from pendubot_identification.link.protocol import (
     frame,
 )
 
-HELLO = Hello(0, 0, 77, 1, 500, 4000, 2000, 1_500_000, 10_000, 'test', limits=Limits(max_speed=100_000))
+HELLO = Hello(0, 0, 77, 1, 0, 500, 4000, 2000, 1_500_000, 10_000, 0, 0, 0, Limits(max_speed=100_000), 'test')
 #: Zeros need no confirmation.
 ASSUMED = HostConfig(confirm_zeros=False)
 
@@ -50,7 +50,7 @@ class Wire:
         self.now, self.seq = 10**12, 0
         self.host.opened(self.now)
         if hello:
-            self.receive(replace(hello, limits=replace(hello.limits, **limits)))
+            self.receive(hello._replace(limits=hello.limits._replace(**limits)))
 
     def do(self, action, *values):
         """Call a method of the host; return its events."""
@@ -133,7 +133,7 @@ def test_hello_is_requested_every_200_ms_until_it_arrives_and_silence_is_reporte
     [
         ((0, 0), None, None),
         ((1000, 1000), None, (0.0, math.pi)),
-        ((1000, 0), replace(HELLO, cpr1=0), (0.0, math.pi / 2)),
+        ((1000, 0), HELLO._replace(cpr1=0), (0.0, math.pi / 2)),
         ((0, 0), HELLO, (-3 * math.pi / 8, math.pi / 2)),
     ],
 )
@@ -147,7 +147,7 @@ def test_samples_are_scaled_by_the_configured_or_reported_counts_per_turn_and_ne
 def test_an_invalid_hello_is_reported_once_and_ignored_and_requested_again():
     wire = Wire(hello=None)
     for k, (change, text) in enumerate([({'cpr1': 0}, '0 counts'), ({'cpr1': 0}, None), ({'torque_limit': -5}, '-5')]):
-        reports = only(wire.receive(replace(HELLO, seq=k, **change)), Report)
+        reports = only(wire.receive(HELLO._replace(seq=k, **change)), Report)
         assert [(r.level, text in r.text) for r in reports] == ([(Level.ERROR, True)] if text else [])
         assert wire.host.condition(0).level == Level.ERROR
     wire.sent()
@@ -155,11 +155,11 @@ def test_an_invalid_hello_is_reported_once_and_ignored_and_requested_again():
         wire.state(k)
         wire.wait(0)
     assert len(wire.sent()) == 1
-    wire.receive(replace(HELLO, seq=24))
-    assert wire.receive(replace(HELLO, seq=25)) == [], 'an unchanged HELLO must not be reported'
-    assert 'counts per turn' in texts(wire.receive(replace(HELLO, seq=26, cpr2=0)))[0]
+    wire.receive(HELLO._replace(seq=24))
+    assert wire.receive(HELLO._replace(seq=25)) == [], 'an unchanged HELLO must not be reported'
+    assert 'counts per turn' in texts(wire.receive(HELLO._replace(seq=26, cpr2=0)))[0]
     assert wire.host.hello.cpr2 == HELLO.cpr2
-    assert '8000' in texts(wire.receive(replace(HELLO, seq=27, cpr1=8000)))[0]
+    assert '8000' in texts(wire.receive(HELLO._replace(seq=27, cpr1=8000)))[0]
 
 
 # Published
@@ -213,7 +213,7 @@ WAITED = [*steady(1000, 100, WRAP - 1_050_000), (1100, WRAP - 50_000, 60_000), *
     ],
 )
 def test_frames_are_published_once_in_order_and_missing_frames_are_counted(frames, published, counted):
-    wire, seqs = Wire(hello=replace(HELLO, seq=frames[0][0] - 1)), []
+    wire, seqs = Wire(hello=HELLO._replace(seq=frames[0][0] - 1)), []
     for each in frames:
         if each is None:
             wire.wait(105, times=2)
@@ -251,7 +251,7 @@ def test_arming_fails_at_once_without_port_board_or_hello_and_in_a_fault():
     wire.do(wire.host.opened)
     wire.state()
     assert 'HELLO' in wire.refusal()
-    wire.receive(replace(HELLO, seq=2))
+    wire.receive(HELLO._replace(seq=2))
     wire.state(3, status=Status.EMERGENCY_STOP)
     wire.arm()
     # The host requests a reset of the fault and waits for the answer.
@@ -354,7 +354,7 @@ def test_refused_requests_are_attributed_to_another_program_except_after_a_resta
     wire.states(108, refused=3)
     assert wire.arm() == []
     wire = Wire().armed()
-    wire.receive(replace(HELLO, seq=0, boot_id=78))
+    wire.receive(HELLO._replace(seq=0, boot_id=78))
     for k in (1, 2):
         wire.state(k, status=Status.REFUSED, refused=2 * k)
     assert wire.host.counters.foreign_requests == 0
@@ -433,9 +433,9 @@ def test_confirmed_zeros_are_sent_until_acknowledged_and_the_boards_state_counts
     wire.states(6)
     wire.states(4, status=Status.ZEROED)
     assert [(c.mode, c.session) for c in wire.sent()] == 2 * [(Mode.CONFIRM_ZEROS, HELLO.boot_id)]
-    wire.receive(replace(HELLO, seq=170, boot_id=78))
+    wire.receive(HELLO._replace(seq=170, boot_id=78))
     wire.state(171, 1000)
-    wire.receive(replace(HELLO, seq=172, boot_id=78))
+    wire.receive(HELLO._replace(seq=172, boot_id=78))
     assert 'let both links hang at rest' in wire.refusal()
     wire.state(173, 21_000, status=Status.ZEROED)
     assert wire.arm() == []
@@ -447,7 +447,7 @@ def test_a_wrong_timestamp_is_counted_and_a_wrong_clock_rate_is_reported_within_
         wire.state(k, 10_000 * k + (65_536 if k in (100, 150) else 0))
     diagnosis = health.diagnose(wire.host, wire.now)
     assert (diagnosis.level, 'irregular stamps: 2 more' in diagnosis.message) == (Level.WARN, True)
-    fast = Wire(hello=replace(HELLO, sample_period_us=10_500))
+    fast = Wire(hello=HELLO._replace(sample_period_us=10_500))
     (report,) = [r for k in range(1, 100) for r in only(fast.state(k, 10_500 * k), Report)]
     assert "the board's clock runs 4.8 % fast" in report.text
     assert fast.host.condition(fast.now) == Report(Level.WARN, report.text)
@@ -458,7 +458,7 @@ def test_a_wrong_timestamp_is_counted_and_a_wrong_clock_rate_is_reported_within_
 
 @pytest.mark.parametrize(('configured', 'longest'), [(40, 500), (400, 40)])
 def test_at_least_two_commands_are_sent_per_watchdog_period_of_the_board_or_the_configuration(configured, longest):
-    wire, sent = Wire(replace(ASSUMED, watchdog_ms=configured), replace(HELLO, watchdog_max_ms=longest)).armed(), []
+    wire, sent = Wire(replace(ASSUMED, watchdog_ms=configured), HELLO._replace(watchdog_max_ms=longest)).armed(), []
     for _ in range(200):
         for _ in range(5):
             wire.wait(2)
@@ -470,7 +470,7 @@ def test_at_least_two_commands_are_sent_per_watchdog_period_of_the_board_or_the_
 
 @pytest.mark.parametrize(('configured', 'limit'), [(0.3, 300_000), (5.0, 1_200_000)])
 def test_torque_is_clamped_to_the_smaller_limit_and_clamping_is_reported_once(configured, limit):
-    wire = Wire(replace(ASSUMED, torque_limit=configured), replace(HELLO, torque_limit=1_200_000)).armed()
+    wire = Wire(replace(ASSUMED, torque_limit=configured), HELLO._replace(torque_limit=1_200_000)).armed()
     health, reports = Health(), []
     for k in range(200):
         reports += texts(wire.command((-1) ** k * 10.0))
@@ -488,7 +488,7 @@ def test_torque_is_clamped_to_the_smaller_limit_and_clamping_is_reported_once(co
 @pytest.mark.parametrize('timeout', [0.001, 0.004, 0.1, 0.5])
 def test_polling_only_at_next_poll_ends_the_torque_exactly_at_the_command_timeout(timeout, pause):
     # Samples a second apart, so that only polls advance the host's time.
-    hello = replace(HELLO, sample_period_us=1_000_000, watchdog_max_ms=10_000)
+    hello = HELLO._replace(sample_period_us=1_000_000, watchdog_max_ms=10_000)
     wire = Wire(replace(ASSUMED, command_timeout=timeout, watchdog_ms=10_000), hello).armed()
     poll, commanded, torque = wire.now, wire.now + pause, 0
     wire.now = commanded
@@ -512,7 +512,7 @@ def test_polling_only_at_next_poll_ends_the_torque_exactly_at_the_command_timeou
         (lambda wire: wire.command(*3 * [math.nan]), 'an effort command is nan', {'not_finite': 3}),
         (lambda wire: wire.command(-math.inf), 'an effort command is -inf', {'not_finite': 1}),
         (
-            lambda wire: wire.receive(replace(HELLO, seq=2, boot_id=78)),
+            lambda wire: wire.receive(HELLO._replace(seq=2, boot_id=78)),
             'the board restarted',
             {'restarts': 1, 'lost': 0},
         ),
@@ -532,14 +532,14 @@ def test_the_host_disarms_reports_once_and_stays_disarmed_until_the_next_call_to
     wire.armed(cmd_seq=disarm.seq, lock=2)
 
 
-SLOW = replace(HELLO, sample_period_us=1_000_000)
+SLOW = HELLO._replace(sample_period_us=1_000_000)
 
 
 @pytest.mark.parametrize(
     ('config', 'hello', 'armed_samples', 'longest_ms'),
     [
         (HostConfig(), HELLO, 0, 100),
-        (HostConfig(), replace(HELLO, sample_period_us=100_000), 0, 500),
+        (HostConfig(), HELLO._replace(sample_period_us=100_000), 0, 500),
         (HostConfig(link_timeout=1.0), HELLO, 0, 1000),
         # An armed link is lost after 500 ms for any period in HELLO; after ten samples the measured period counts.
         (ASSUMED, SLOW, 2, 500),
@@ -564,7 +564,7 @@ def test_a_board_that_answers_without_samples_is_reported_lost_once():
     wire.state()
     for seq in range(2, 22):
         reports += wire.wait(10, times=20)
-        reports += wire.receive(replace(HELLO, seq=seq))
+        reports += wire.receive(HELLO._replace(seq=seq))
     assert ['link lost' in report.text for report in reports] == [True]
     assert wire.host.condition(0) == Report(Level.ERROR, 'no valid sample arrives from the board')
     assert texts(wire.state(22, 20_000)) == ['the board sends again']
@@ -591,7 +591,7 @@ def test_a_closed_port_disarms_and_requires_a_new_hello(boot_id):
     assert not only(wire.state(50, **{} if restarted else wire.obeyed), Sample)
     (disarm,) = wire.sent(Command)
     assert disarm.mode == Mode.DISARM
-    wire.receive(replace(HELLO, seq=51, boot_id=boot_id))
+    wire.receive(HELLO._replace(seq=51, boot_id=boot_id))
     wire.state(52, cmd_seq=disarm.seq, lock=2)
     assert (wire.host.counters.restarts, wire.host.counters.lost) == (restarted, 0)
     assert wire.host.condition(0) == Report(Level.WARN, 'disarmed: the link was lost; arm again when it is safe')
@@ -629,11 +629,11 @@ def test_an_intermittent_fault_is_reported_once():
 
 @pytest.mark.parametrize('before_us', [50_000, 9_000_000, WRAP - 2_400_000_000])
 def test_a_restart_is_not_mistaken_for_a_wrap_of_the_clock(before_us):
-    wire = Wire(hello=replace(HELLO, seq=39_999))
+    wire = Wire(hello=HELLO._replace(seq=39_999))
     wire.state(40_000, WRAP - before_us - 10_000, enc1=3000)
     wire.state(40_001, WRAP - before_us, enc1=3000)
     wire.state(1, 100)
     assert wire.host.counters.restarts == 1
     # The counters were reset, too.
-    wire.receive(replace(HELLO, seq=2))
+    wire.receive(HELLO._replace(seq=2))
     assert len(only(wire.state(3, 20_100), Sample)) == 1

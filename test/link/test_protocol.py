@@ -35,7 +35,7 @@ limits = st.builds(Limits, *[u32] * 5, *[u16] * 4)
 messages = st.one_of(
     st.builds(State, u16, u32, i32, i32, i32, i16, u16, u16, u32, u16, u16),
     st.builds(Command, u16, u32, u8, u16, i32, u32),
-    st.builds(Hello, u16, u32, u32, u8, u16, u32, u32, i32, u32, ascii_name, u8, u32, u32, u32, limits),
+    st.builds(Hello, u16, u32, u32, u8, u8, u16, u32, u32, i32, u32, u32, u32, u32, limits, ascii_name),
     st.builds(Arm, u16, u32, u32, u32, u16, u16),
     st.builds(HelloRequest, u16, u32),
 )
@@ -57,7 +57,7 @@ EXAMPLES = {
     'ARM': Arm(6, 240_000, 3405643777, 2882400018, 3, 100),
     'STATE': State(258, 1_000_000, -1000, 250, 500_000, 5000, 2400, 7, 1, 2, 0),
     'HELLO': Hello(
-        0, 0, 3405643777, 1, 500, 4000, 4000, 2_000_000, 10_000, 'my board 1', 0, 0, 439041101, 200_000, LIMITS
+        0, 0, 3405643777, 1, 0, 500, 4000, 4000, 2_000_000, 10_000, 0, 439041101, 200_000, LIMITS, 'my board 1'
     ),
 }  # fmt: skip
 
