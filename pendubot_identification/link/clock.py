@@ -15,8 +15,9 @@ slopes: it converges within seconds on a quiet machine, and then changes little 
 import math
 from collections import deque
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
+
+import numpy as np
 
 #: [ns]
 MS = 1_000_000
@@ -62,21 +63,17 @@ class BoardClock:
     For each sample :meth:`observe` returns its board time, :meth:`host_time` maps that time to the host's clock,
     and :meth:`stamp` returns strictly increasing stamps, even if the mapping changes.
 
+    A board that restarted needs a new object; with ``last_stamp`` [ns] of the former its stamps increase, too.
+
     Attributes:
-        irregular: number of samples with an implausible time, which was replaced by the predicted time.
-        jumps: number of jumps of the board's clock.
-        jump_us: size of the last jump [us].
+        irregular: whether the last sample had an implausible time, which was replaced by the predicted time.
+        jump_us: size of a jump of the board's clock at the last sample [us]; 0: none.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, last_stamp: int = 0) -> None:
+        self.last_stamp = last_stamp
+        self.irregular, self.jump_us = False, 0
         self._minima: deque[_Point] = deque()
-        self._last_stamp: int | None = None
-        self.irregular = self.jumps = self.jump_us = 0
-        self.restart()
-
-    def restart(self) -> None:
-        """Reset the estimate for a board that restarted; stamps continue to increase."""
-        self._minima.clear()
         self._span_us = 0  # of the present bucket
         self._origin_us: int | None = None
         self._board_us = 0
@@ -110,6 +107,7 @@ class BoardClock:
             arrival_ns: arrival on the host's clock [ns].
             frames: number of frames since the previous sample.
         """
+        self.irregular, self.jump_us = False, 0
         if self._origin_us is None:
             self._origin_us = board_us = t_us
         else:
@@ -120,10 +118,9 @@ class BoardClock:
             if self._step_us and self._cannot_be(board_us, predicted, arrival_ns):
                 self._in_a_row += 1
                 if self._in_a_row <= SETTINGS.accepted_after:
-                    self.irregular += 1
+                    self.irregular = True
                     self._board_us, self._arrival_ns = predicted, arrival_ns
                     return predicted
-                self.jumps += 1
                 self.jump_us = board_us - predicted
                 self._jumped_us += self.jump_us
                 board_us = predicted
@@ -164,10 +161,8 @@ class BoardClock:
 
     def stamp(self, host_time: int) -> int:
         """Return a sample's stamp [ns]: its host time, or 1 ns after the last stamp if that is later."""
-        if self._last_stamp is not None:
-            host_time = max(host_time, self._last_stamp + 1)
-        self._last_stamp = host_time
-        return host_time
+        self.last_stamp = max(host_time, self.last_stamp + 1)
+        return self.last_stamp
 
     def _below(self, board_us: int, delay_ns: int) -> float:
         """Return the intercept of a line of the present slope through this point."""
@@ -176,16 +171,18 @@ class BoardClock:
     def _follow(self) -> None:
         """Update the slope once per bucket with the hull's edge that spans the middle of the window.
 
-        Among all lines below the points, this edge has the smallest mean distance to them.
+        Among all lines below the points, this edge has the smallest mean distance to them. Among all lines through a
+        point before and a point after the middle, it is the lowest line at the middle.
         """
-        minima = self._minima
-        seen_us, count = minima[-1].board_us - minima[0].board_us, len(minima)
-        middle = (minima[0].board_us + minima[-1].board_us) / 2
-        left, right = next(edge for edge in pairwise(_lower_hull(minima)) if edge[1].board_us >= middle)
-        slope = (right.delay_ns - left.delay_ns) / (right.board_us - left.board_us)
-        above = sum(p.delay_ns - left.delay_ns - slope * (p.board_us - left.board_us) for p in minima)
+        board_us, delay_ns = np.array(self._minima).T - np.array([self._minima[0]]).T
+        seen_us = int(board_us[-1])
+        before = 2 * board_us < seen_us
+        slopes = (delay_ns[~before] - delay_ns[before, None]) / (board_us[~before] - board_us[before, None])
+        at_middle = delay_ns[before, None] + slopes * (seen_us / 2 - board_us[before, None])
+        slope, height = float(slopes.flat[at_middle.argmin()]), at_middle.min()
+        above = float((delay_ns - height - slope * (board_us - seen_us / 2)).sum())
         # Two of the points lie on the line.
-        error = SETTINGS.uncertainty * max(above / (count - 2), SETTINGS.finest) / seen_us
+        error = SETTINGS.uncertainty * max(above / (len(board_us) - 2), SETTINGS.finest) / seen_us
         self._edge = slope
         # Earlier updates used most of the window: one bucket adds only its fraction of the information.
         noise = error**2 * seen_us / self._span_us
@@ -193,17 +190,3 @@ class BoardClock:
         gain = self._variance / (self._variance + noise)
         self._variance *= 1 - gain
         self._slope += gain * (max(-SETTINGS.max_slope, min(SETTINGS.max_slope, slope)) - self._slope)
-
-
-def _lower_hull(points: deque[_Point]) -> list[_Point]:
-    """Return the lower convex hull of points in increasing board time (Andrew's monotone chain)."""
-    hull: list[_Point] = []
-    for p in points:
-        while len(hull) >= 2:
-            a, b = hull[-2], hull[-1]
-            cross = (b.board_us - a.board_us) * (p.delay_ns - a.delay_ns)
-            if cross - (b.delay_ns - a.delay_ns) * (p.board_us - a.board_us) > 0:
-                break
-            hull.pop()
-        hull.append(p)
-    return hull

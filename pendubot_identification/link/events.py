@@ -95,13 +95,13 @@ class Counters:
 class Output:
     """The output queue of a host: events and, while the port is ``open``, frames; and the host's counters.
 
-    ``seq`` is the sequence number of the last frame, ``frames`` the total number of frames.
+    ``seq`` is the sequence number of the last frame.
     """
 
     def __init__(self) -> None:
         self.counters = Counters()
         self.open = False
-        self.seq = self.frames = 0
+        self.seq = 0
         self.data = b''
         self._events: list[HostEvent] = []
         self._last: dict[str, int] = {}
@@ -119,6 +119,11 @@ class Output:
         last, self._last[name] = self._last.get(name), now
         return last is None or now - last > SECOND
 
+    def report_new(self, name: str, now: int, level: Level, text: str) -> None:
+        """Add a report of a recurring event, unless it occurred in the second before."""
+        if self.is_new(name, now):
+            self.report(level, text)
+
     def take_events(self) -> list[HostEvent]:
         """Return all events since the last call."""
         events, self._events = self._events, []
@@ -132,7 +137,6 @@ class Output:
     def send(self, message: type[HelloRequest | Command | Arm], now: int, **fields: int) -> None:
         """Send a message with the next sequence number at ``now`` [ns]; a closed port drops it."""
         self.seq = (self.seq + 1) & 0xFFFF
-        self.frames += 1
         if self.open:
             self.data += encode(message(self.seq, now // 1000 % WRAP, **fields))
             self.counters.sent += 1

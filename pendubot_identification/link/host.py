@@ -69,7 +69,6 @@ class Host:
         self.counters = self.output.counters
         self.clock = BoardClock()
         self._decoder = Decoder()
-        self._joints = Joints(self.config, self.output)
         self.motor = Motor(self.config, self.output, new_session)
         # The link
         self._closed_because = 'the port was not opened yet'
@@ -101,8 +100,8 @@ class Host:
         self._limits: LimitMonitor | None = None
         self._zeros_confirmed = False
         self._rest: tuple[int, int, int] | None = None  # counts of the present rest position and its start [board us]
-        self.clock.restart()
-        self._joints.restart()
+        self.clock = BoardClock(self.clock.last_stamp)
+        self._joints = Joints(self.config, self.output)
         self.motor.restarted()
 
     # Queries
@@ -321,14 +320,15 @@ class Host:
         clock, before, counters = self.clock, self._board_us, self.counters
         board_us = clock.observe(t_us, now, frames)
         self._state_taken = clock.host_time(board_us)
-        if clock.jumps > counters.clock_jumps:
+        counters.irregular_stamps += clock.irregular
+        if clock.jump_us:
+            counters.clock_jumps += 1
             text = f"the board's clock jumped by {clock.jump_us / 1e3:+g} ms; check its timer"
             self.output.report(Level.WARN, text)
-        if frames == 1 and clock.irregular == counters.irregular_stamps and before is not None:
+        if frames == 1 and not clock.irregular and before is not None:
             self._steps.append(board_us - before)
-        counters.irregular_stamps, counters.clock_jumps = clock.irregular, clock.jumps
-        if clock.wrong_rate and self.output.is_new('rate', now):
-            self.output.report(Level.WARN, self._rate_text())
+        if rate := self._rate_text():
+            self.output.report_new('rate', now, Level.WARN, rate)
         return board_us
 
     def _note_rest(self, state: State, board_us: int) -> None:

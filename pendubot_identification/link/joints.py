@@ -24,10 +24,6 @@ class Joints:
     def __init__(self, config: HostConfig, output: Output) -> None:
         self._config = config
         self._output = output
-        self.restart()
-
-    def restart(self) -> None:
-        """Reset the history: the next sample is accepted at any position."""
         self._history: deque[tuple[int, Pair]] = deque()
         self.q: Pair | None = None
         self._flagged = 0
@@ -68,11 +64,7 @@ class Joints:
         if self._flagged < ACCEPTED_AFTER:
             return
         self._output.counters.jumps += 1
-        self.restart()
-        self._history.append((board_us, q))
-        if self._output.is_new('jump', now):
-            self._output.report(
-                Level.WARN,
-                f'{ACCEPTED_AFTER} samples in a row imply more than {self._config.max_speed:g} rad/s: the new position '
-                'is accepted; check the encoders',
-            )
+        self._history, self._flagged = deque([(board_us, q)]), 0
+        text = f'{ACCEPTED_AFTER} samples in a row imply more than {self._config.max_speed:g} rad/s'
+        text += ': the new position is accepted; check the encoders'
+        self._output.report_new('jump', now, Level.WARN, text)

@@ -8,7 +8,7 @@ the executed command and the applied torque with its own commands.
 """
 
 import math
-from array import array
+from collections import OrderedDict
 from collections.abc import Callable
 from itertools import count
 
@@ -25,7 +25,7 @@ REPEAT_INTERVAL = 50 * MS
 DISOBEYED = 'the board ignores the request to disarm: press the emergency stop, then check its wiring'
 #: The previous STATE of the first STATE.
 _NO_STATE = State(0, 0, 0, 0, 0, 0, 0, 0, 0)
-#: The sequence numbers of frames wrap at this value.
+#: The sequence numbers of frames wrap at this value; half of them tell old frames from new ones.
 _SEQS = 1 << 16
 
 
@@ -56,9 +56,9 @@ class Motor:
         self._session = 0
         self._arming_since: int | None = None
         self._disarming = False  # until a STATE confirms a mode 0
-        self._frames_before = 0  # number of frames sent before the last disarming
-        self._arm_seq = 0  # sequence number of the first ARM of this arming
-        self._sent = array('i', bytes(4 * _SEQS))  # torques [micro-N m] by sequence number
+        #: Torques [micro-N m] by sequence number, of this host's COMMANDs and ARMs from the last disarming on.
+        self._sent: OrderedDict[int, int] = OrderedDict()
+        self._disarms: set[int] = set()  # sequence numbers of the COMMANDs before this arming
         self._last_foreign = -SECOND
         self._torque = 0
         self._last_effort = 0
@@ -107,8 +107,8 @@ class Motor:
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
         if not self._disarming:
             self._disarming = True
-            self._frames_before = self._output.frames
-        self._send(Mode.DISARM, now)
+            self._sent.clear()
+        self._command(Mode.DISARM, now)
 
     def disarm(self, now: int) -> None:
         """Disarm the board in any state."""
@@ -118,9 +118,8 @@ class Motor:
         """Send an effort command for the shoulder [N m] at once if armed, else discard it."""
         if not math.isfinite(torque):
             self._counters.not_finite += 1
-            if self._output.is_new('not finite', now):
-                text = f'an effort command is {torque}; only finite torques are sent: disarming'
-                self._output.report(Level.ERROR, text)
+            text = f'an effort command is {torque}; only finite torques are sent: disarming'
+            self._output.report_new('not finite', now, Level.ERROR, text)
             self.stop('an effort command was not finite', now, wanted=True)
             return
         if not self.armed or self.board is None:
@@ -130,15 +129,14 @@ class Motor:
         clamped = max(-limit, min(limit, torque))
         if clamped != torque:
             self._counters.clamped += 1
-            if self._output.is_new('clamped', now):
-                text = f'an effort command is {torque:g} N m; at most {limit:g} N m are sent'
-                self._output.report(Level.WARN, text)
+            text = f'an effort command is {torque:g} N m; at most {limit:g} N m are sent'
+            self._output.report_new('clamped', now, Level.WARN, text)
         self._torque = round(clamped * 1e6)
         self._last_effort = now
         if self.effort_stopped:
             self.effort_stopped = False
             self._output.report(Level.OK, 'effort commands arrive again')
-        self._send(Mode.TORQUE, now)
+        self._command(Mode.TORQUE, now)
 
     def set_torque_limit(self, limit: float, now: int) -> None:
         """Set the largest torque that is sent [N m] and clamp the present torque; a limit is not raised while armed."""
@@ -146,7 +144,7 @@ class Motor:
         largest = round(self.torque_limit * 1e6)
         if abs(self._torque) > largest:
             self._torque = max(-largest, min(largest, self._torque))
-            self._send(Mode.TORQUE, now)
+            self._command(Mode.TORQUE, now)
 
     def next_poll(self, now: int) -> int:
         """Return the time [ns] until the next call of :meth:`.Host.poll`, not after the timeout of effort commands."""
@@ -160,7 +158,7 @@ class Motor:
         """Repeat due requests and commands, time out the arming, and command 0 after the last effort command."""
         if self._output.open and now - self._last_sent >= REPEAT_INTERVAL:
             if self._disarming:
-                self._send(Mode.DISARM, now)
+                self._command(Mode.DISARM, now)
             elif self._arming_since is not None and self._lock is not None:
                 self._request(self._lock, now)
         if self._arming_since is not None and now - self._arming_since >= ARMING_TIMEOUT:
@@ -173,9 +171,9 @@ class Motor:
             self._counters.command_timeouts += 1
             text = f'no effort command for {self._timeout / SECOND:g} s: torque 0, still armed'
             self._output.report(Level.WARN, text)
-            self._send(Mode.TORQUE, now)
+            self._command(Mode.TORQUE, now)
         elif now - self._last_sent >= self.watchdog_ns // 4:
-            self._send(Mode.TORQUE, now)
+            self._command(Mode.TORQUE, now)
 
     def follow(self, state: State, now: int) -> None:
         """Compare a STATE with the sent commands and with the previous STATE."""
@@ -200,18 +198,15 @@ class Motor:
         foreign = on and (not self._disarming or not (was_on or state.lock == self._lock))
         if foreign:
             self.lost = 'another program armed the motor, or a bridge that was killed'
-            if self._output.is_new('armed by another', now):
-                text = f'the board applies {state.torque / 1e6:g} N m, armed by another program; disarming it'
-                self._output.report(Level.ERROR, f'{text}: end that program')
+            text = f'the board applies {state.torque / 1e6:g} N m, armed by another program; disarming it'
+            self._output.report_new('armed by another', now, Level.ERROR, f'{text}: end that program')
             self.stop(self.lost, now)
         elif not self._disarming:
             if risen & FAULTS:
                 self.stop('a fault', now)  # a mode 0 clears a fault that is over
-        elif not on and self._is_own(state.cmd_seq):
+        elif not on and state.cmd_seq in self._sent:
             self._disarming, self.disobeyed, self._lock = False, False, None
-        elif (
-            on and self._output.frames - self._frames_before > ARMING_TIMEOUT // REPEAT_INTERVAL and not self.disobeyed
-        ):
+        elif on and len(self._sent) > ARMING_TIMEOUT // REPEAT_INTERVAL and not self.disobeyed:
             self.disobeyed = True
             self._output.report(Level.ERROR, DISOBEYED)
 
@@ -221,19 +216,17 @@ class Motor:
             self._follow_disarmed(state, 0, now)
         if self._disarming:
             return
-        status, own = state.status, self._is_own(state.cmd_seq)
+        status = state.status
         if status & FAULTS:
             self.stop(f'the board is in a fault: {names(status & FAULTS)}', now)
-        elif status & Status.ARMED and own and state.lock == self._lock:
+        elif status & Status.ARMED and state.cmd_seq in self._sent and state.lock == self._lock:
             self.armed, self._arming_since = True, None
             self._last_effort = now
             self._output.emit(ArmingEnded())
         elif self._lock is None:
+            self._disarms = {*self._sent}
             self._request(state.lock, now)
-            self._arm_seq = self._output.seq
-        elif status & Status.ARMED or (
-            state.lock != self._lock and not (own and self._is_before_arming(state.cmd_seq))
-        ):
+        elif status & Status.ARMED or (state.lock != self._lock and state.cmd_seq not in self._disarms):
             self.stop('another program armed or disarmed the board in the meantime; end that program', now)
         elif state.lock != self._lock:  # a repeated mode 0 of this host arrived late
             self._request(state.lock, now)
@@ -245,7 +238,7 @@ class Motor:
             return f'the board is in a fault: {names(status & FAULTS)}'
         if status & Status.WATCHDOG:
             return "the board's watchdog tripped"
-        own = self._is_own(state.cmd_seq)
+        own = state.cmd_seq in self._sent
         if not status & Status.ARMED:
             return 'the board is no longer armed' if own else 'another program disarmed the board'
         if not own or state.lock != self._lock:
@@ -268,8 +261,9 @@ class Motor:
             return wanted, wanted
         # The slewing torque lies among the previous torque and the commands since then.
         before = self._before
-        steps = (state.cmd_seq - before.cmd_seq) % _SEQS if self._is_own(before.cmd_seq) else 0
-        passed = [wanted, before.torque, *(self._sent[(state.cmd_seq - k) % _SEQS] for k in range(1, min(steps, 1000)))]
+        steps = (state.cmd_seq - before.cmd_seq) % _SEQS if before.cmd_seq in self._sent else 0
+        since = (self._sent.get((state.cmd_seq - k) % _SEQS, wanted) for k in range(1, min(steps, 1000)))
+        passed = [wanted, before.torque, *since]
         return min(passed), max(passed)
 
     def _count_refused(self, state: State, now: int) -> None:
@@ -280,35 +274,29 @@ class Motor:
         if more and (self.armed or (self._arming_since is None and not self._disarming)):
             self._counters.foreign_requests += more
             self._last_foreign = now
-            if self._output.is_new('foreign', now):
-                text = 'another program sends commands to the board, which refuses them; end that program'
-                self._output.report(Level.WARN, text)
+            text = 'another program sends commands to the board, which refuses them; end that program'
+            self._output.report_new('foreign', now, Level.WARN, text)
 
     def _report_faults(self, risen: int, now: int) -> None:
         # Some faults are intermittent, such as a supply that sags under the motor's load.
         if new := sum(bit for name, bit in BITS.items() if bit & risen and self._output.is_new(name, now)):
             self._output.report(Level.ERROR, f'the board reports a fault: {names(new)}')
 
-    def _is_own(self, seq: int) -> bool:
-        """Return whether this host sent a frame since the last disarming, among its last 32768 frames."""
-        return (self._output.seq - seq) % _SEQS < min(self._output.frames - self._frames_before, _SEQS // 2)
-
-    def _is_before_arming(self, seq: int) -> bool:
-        return (self._output.seq - seq) % _SEQS > (self._output.seq - self._arm_seq) % _SEQS
-
     def _request(self, lock: int, now: int) -> None:
         if self.board is not None:
             self._lock = lock
-            session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
-            self._output.send(Arm, now, boot_id=self.board.boot_id, lock=lock, **session)
-            self._sent[self._output.seq] = 0
-            self._last_sent = now
+            self._send(Arm, now, 0, boot_id=self.board.boot_id, lock=lock)
 
-    def _send(self, mode: Mode, now: int) -> None:
+    def _command(self, mode: Mode, now: int) -> None:
         torque = self._torque if mode is Mode.TORQUE else 0
-        session = {'session': self._session, 'watchdog_ms': self._config.watchdog_ms}
-        self._output.send(Command, now, mode=mode, torque=torque, **session)
-        self._sent[self._output.seq] = torque
+        self._send(Command, now, torque, mode=mode, torque=torque)
+
+    def _send(self, message: type[Command | Arm], now: int, wanted: int, **fields: int) -> None:
+        """Send a message after which the board wants this torque [micro-N m]."""
+        self._output.send(message, now, session=self._session, watchdog_ms=self._config.watchdog_ms, **fields)
+        self._sent[self._output.seq] = wanted
+        if len(self._sent) > _SEQS // 2:
+            self._sent.popitem(last=False)
         # A closed port took nothing: once it is open, the request to disarm is repeated at once.
         self._last_sent = now if self._output.open else now - REPEAT_INTERVAL
 

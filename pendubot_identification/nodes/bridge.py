@@ -238,10 +238,9 @@ class Bridge(ManagedNode):
             self._host.motor.effort(torque, now)
             return
         self._stale += 1
-        if self._host.output.is_new('stale', now):
-            text = f'an effort command was {age:.2f} s old and was not applied; '
-            text += f'at most {self._command_timeout:g} s (command_timeout) are allowed'
-            self._host.output.report(Level.WARN, text)
+        text = f'an effort command was {age:.2f} s old and was not applied; '
+        text += f'at most {self._command_timeout:g} s (command_timeout) are allowed'
+        self._host.output.report_new('stale', now, Level.WARN, text)
 
     async def _on_arm(self) -> tuple[bool, str]:
         future = Future()

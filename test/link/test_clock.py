@@ -67,29 +67,33 @@ def test_a_rate_error_beyond_any_crystals_is_detected_within_a_second_and_tracke
 @pytest.mark.parametrize('off_us', [65_536, 8000, -65_536, -30_000])
 def test_one_wrong_board_time_changes_no_timestamp(rate, off_us):
     """A 16-bit timer that is read during its overflow causes such times."""
-    right, wrong = BoardClock(), BoardClock()
+    right, wrong, irregular = BoardClock(), BoardClock(), []
     t = times(20, rate)
     arrivals = np.maximum.accumulate(1e9 * (t + jitter(t, 50))).astype(np.int64)
     for k, arrival in enumerate(arrivals.tolist()):
         t_us = round(1e6 * t[k])
         off = off_us if k and k % (7 * rate) == 0 else 0
         assert abs(stamp(right, t_us, arrival) - stamp(wrong, t_us + off, arrival)) < 1000
-    assert (wrong.irregular, wrong.jumps, right.irregular) == (2, 0, 0)
+        irregular += [k] * wrong.irregular
+        assert not right.irregular
+        assert not wrong.jump_us
+    assert irregular == [7 * rate, 14 * rate]
 
 
 @pytest.mark.parametrize('off_us', [40_000, -9000])
 def test_a_step_of_the_boards_clock_is_compensated_and_counted(off_us):
-    clock = BoardClock()
-    stamps = [stamp(clock, 1000 * k + off_us * (k >= 500), 10**12 + 10**6 * k) for k in range(1000)]
+    clock, stamps, jumps = BoardClock(), [], []
+    for k in range(1000):
+        stamps.append(stamp(clock, 1000 * k + off_us * (k >= 500), 10**12 + 10**6 * k))
+        jumps += [clock.jump_us] * (clock.jump_us != 0)
     assert set(np.diff(stamps)) == {10**6}
-    assert (clock.jumps, clock.jump_us) == (1, off_us)
+    assert jumps == [off_us]
 
 
 def test_a_sample_that_the_board_took_late_keeps_its_own_time_and_missed_samples_are_left_out():
     clock, t = BoardClock(), np.delete(times(0.2), [101, 102, 103])
     t[100] += 0.003
     assert np.ptp(run(clock, t)) == 0
-    assert clock.irregular == 0
 
 
 @pytest.mark.parametrize('seed', range(2))
@@ -126,7 +130,7 @@ def test_latency_of_a_busy_machine_and_buffering_are_not_mistaken_for_skew(t, wa
 def test_after_a_restart_timestamps_follow_the_new_clock_and_still_increase():
     clock = BoardClock()
     before = [stamp(clock, 10**9 + 1000 * k, 10**12 + 10**6 * k) for k in range(100)]
-    clock.restart()
+    clock = BoardClock(clock.last_stamp)
     after = [stamp(clock, 1000 * k, 10**12 + 10**8 + 10**6 * k) for k in range(100)]
     assert after[0] > before[-1]
     assert after[-1] == 10**12 + 10**8 + 99 * 10**6
