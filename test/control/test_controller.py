@@ -43,9 +43,8 @@ def run(start, seed, rate, seconds=12.0, **how):
     return simulate_closed_loop(Controller(designed(WRONG, rate)), rig, seconds, enough=2.0, **how)
 
 
-@pytest.mark.parametrize('rate', LOOPS)
-@pytest.mark.parametrize(('start', 'within'), [('upright', 1.0), ('hanging', 10.0)])
-def test_the_rig_is_swung_up_and_held_within_the_torque_limit_with_inexact_parameters(rate, start, within):
+@pytest.mark.parametrize(('start', 'rate', 'within'), [('upright', 500, 1.0), ('hanging', 200, 10.0)])
+def test_the_rig_is_swung_up_and_held_within_the_torque_limit_with_inexact_parameters(start, rate, within):
     closed_loop = run(start, 1, rate)
     assert not closed_loop.stopped
     assert held_since(closed_loop.motion) < within
@@ -64,8 +63,7 @@ def test_the_rig_swings_up_again_after_a_push_makes_it_fall():
     assert held_since(closed_loop.motion) < 10.0
 
 
-@pytest.mark.parametrize('rate', LOOPS)
-@pytest.mark.parametrize('start', ['upright', 'hanging'])
+@pytest.mark.parametrize(('start', 'rate'), [('upright', 200), ('hanging', 500)])
 @pytest.mark.parametrize(
     ('wrong', 'words'),
     [
@@ -75,13 +73,13 @@ def test_the_rig_swings_up_again_after_a_push_makes_it_fall():
         ({'sensed': lambda q: (q[1] + HANGING[0], q[0] - HANGING[0])}, 'shoulder and elbow are exchanged'),
     ],
 )
-def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(rate, start, wrong, words):
+def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(start, rate, wrong, words):
     closed_loop = run(start, 0, rate, 0.3, **wrong)
     assert words in closed_loop.stopped
     assert closed_loop.motion.t[-1] < 0.2
 
 
-@pytest.mark.parametrize(('rate', 'tilt'), [(200, (0.1, 0.0)), (200, (0.05, 0.05)), (500, (0.0, 0.1))])
+@pytest.mark.parametrize(('rate', 'tilt'), [(200, (0.1, 0.0)), (500, (0.0, 0.1))])
 def test_a_hand_that_holds_the_rig_is_not_mistaken_for_wrong_signs_and_wrong_signs_are_named_after_it(rate, tilt):
     period = LOOPS[rate].period
     controller, held = Controller(designed(rate=rate)), (UPRIGHT + tilt[0], tilt[1])
@@ -99,20 +97,19 @@ def test_parameters_with_which_a_simulation_diverges_are_refused(inertia):
         any(check.update((0.1 * k, -0.1 * k), 1.0) for k in range(20))
 
 
-@pytest.mark.parametrize('rate', LOOPS)
-def test_lost_samples_are_not_mistaken_for_wrong_signs(rate):
+@pytest.mark.parametrize(('start', 'seconds'), [('upright', 2), ('hanging', 6)])
+def test_lost_samples_are_not_mistaken_for_wrong_signs(start, seconds):
     """The controller receives two of three samples, and occasionally none for 50 ms."""
-    loop, rng = LOOPS[rate], np.random.default_rng(1)
-    for start in ('upright', 'hanging'):
-        controller, rig = Controller(designed(rate=rate)), LatePlant(BALANCE, LAG, place(start, 2))
-        torque, silent = 0.0, 0
-        for k in range(round(6 / loop.period)):
-            effort = torque
-            silent = round(0.05 / loop.period) if k > 50 and rng.random() < 0.002 else silent - 1
-            if silent <= 0 and rng.random() < 0.67:
-                torque = controller.step(k * loop.period, rig.q, effort)
-            rig.advance((effort, 0.0), loop.period)
-        assert controller.balancing
+    period, rng = LOOPS[200].period, np.random.default_rng(1)
+    controller, rig = Controller(designed()), LatePlant(BALANCE, LAG, place(start, 2))
+    torque, silent = 0.0, 0
+    for k in range(round(seconds / period)):
+        effort = torque
+        silent = round(0.05 / period) if k > 50 and rng.random() < 0.01 else silent - 1
+        if silent <= 0 and rng.random() < 0.67:
+            torque = controller.step(k * period, rig.q, effort)
+        rig.advance((effort, 0.0), period)
+    assert controller.balancing
 
 
 def torques_with(change, new):
@@ -177,9 +174,9 @@ def test_a_rig_with_much_friction_at_the_elbow_is_swung_up():
 
 
 def test_the_plan_finds_the_torque_limit_too_small_and_gives_a_sufficient_one():
-    plan = Plan.make(BALANCE, replace(LOOPS[200], limit=0.6))
+    plan = Plan.make(BALANCE, Loop(0.01, 0.0, 0.8))
     assert plan.swing_up == math.inf
-    assert 0.6 < plan.sufficient < 2.0
+    assert 0.8 < plan.sufficient < 1.1
 
 
 @pytest.mark.parametrize('mass', [0.2, 0.1, 0.05])
@@ -203,15 +200,13 @@ def test_rigs_and_loops_that_cannot_be_balanced_are_refused(rig, loop, words):
         Plan.make(rig, loop)
 
 
-@pytest.mark.parametrize(
-    ('period', 'transport', 'lag'), [(0.005, 1, 0.0), (0.005, 2, 0.0065), (0.002, 4, 0.0), (0.002, 1, 0.004)]
-)
+@pytest.mark.parametrize(('period', 'transport', 'lag'), [(0.005, 1, 0.0), (0.005, 2, 0.0065), (0.002, 1, 0.004)])
 def test_the_prediction_is_the_true_state_at_the_time_when_the_torque_acts(period, transport, lag):
-    delay, fine = transport * period + lag, 20
+    delay, fine = transport * period + lag, 10
     estimator = Estimator(BALANCE, period, lag, Design.make(BALANCE, Loop(period, lag)).L)
     rig, rng = LatePlant(BALANCE, lag, (HANGING[0] + 0.2, 0.1)), np.random.default_rng(1)
     torques, states, predictions = [0.0] * transport, [], []
-    for k in range(round(2 / period)):
+    for k in range(round(1 / period)):
         estimator.update(rig.q, torques[k])
         predictions.append(estimator.predict(torques[k + 1 :]))
         torques.append(rng.uniform(-0.5, 0.5))
@@ -255,7 +250,7 @@ def test_the_linearisation_is_the_jacobian_of_the_equations_of_motion_at_the_upr
     np.testing.assert_allclose(np.hstack(linearise(rig)), slopes, rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize(('rate', 'lag'), [(200, 0.0013), (500, 0.011)])
+@pytest.mark.parametrize(('rate', 'lag'), [(200, 0.0013), (200, 0.011)])
 def test_the_closed_loop_is_unstable_exactly_beyond_the_margins(rate, lag):
     design = Design.make(BALANCE, Loop(1 / rate, lag))
     m = margins(design)

@@ -33,12 +33,12 @@ def times(seconds, rate=1000):
     return np.arange(round(seconds * rate)) / rate
 
 
-def jitter(t, mean_us=80.0, seed=1):
-    return np.random.default_rng(seed).exponential(1e-6 * mean_us, len(t))
+def jitter(t, mean_us=80.0):
+    return np.random.default_rng(1).exponential(1e-6 * mean_us, len(t))
 
 
 def test_timestamps_are_free_of_jitter_and_of_the_counters_wrap():
-    error = run(BoardClock(), t := times(20), jitter(t), start_us=2**32 - 2_000_000)
+    error = run(BoardClock(), t := times(5), jitter(t), start_us=2**32 - 2_000_000)
     assert np.abs(error[100:]).max() < 20
 
 
@@ -47,10 +47,10 @@ def test_skew_is_estimated_within_seconds_and_tracked(skew):
     clock = BoardClock()
     run(clock, t := times(0.3), jitter(t), skew)
     assert clock.skew_ppm == 0, 'no estimate within 0.3 s'
-    error = run(clock := BoardClock(), t := times(90), jitter(t), skew)
-    assert np.percentile(np.abs(error[:6000] - np.median(error[:6000])), 99) < 150
-    assert np.abs(error[4000:20_000]).max() < 60
-    assert np.percentile(np.abs(error[20_000:]), 99) < 50
+    error = run(clock := BoardClock(), t := times(90, 250), jitter(t), skew)
+    assert np.percentile(np.abs(error[:1500] - np.median(error[:1500])), 99) < 150
+    assert np.abs(error[1000:5000]).max() < 60
+    assert np.percentile(np.abs(error[5000:]), 99) < 50
     assert clock.skew_ppm == pytest.approx(skew, abs=1.0)
 
 
@@ -59,25 +59,24 @@ def test_a_rate_error_beyond_any_crystals_is_detected_within_a_second_and_tracke
     clock = BoardClock()
     run(clock, t := times(1), jitter(t), skew)
     assert clock.wrong_rate == pytest.approx(wrong, rel=0.1)
-    error = run(BoardClock(), t := times(20), jitter(t), skew)
+    error = run(BoardClock(), t := times(10), jitter(t), skew)
     assert np.abs(error[2000:]).max() < 100
 
 
-@pytest.mark.parametrize('rate', [100, 1000])
-@pytest.mark.parametrize('off_us', [65_536, 8000, -65_536, -30_000])
+@pytest.mark.parametrize(('rate', 'off_us'), [(100, 65_536), (1000, 8000), (1000, -65_536), (100, -30_000)])
 def test_one_wrong_board_time_changes_no_timestamp(rate, off_us):
     """A 16-bit timer that is read during its overflow causes such times."""
     right, wrong, irregular = BoardClock(), BoardClock(), []
-    t = times(20, rate)
+    t = times(5, rate)
     arrivals = np.maximum.accumulate(1e9 * (t + jitter(t, 50))).astype(np.int64)
     for k, arrival in enumerate(arrivals.tolist()):
         t_us = round(1e6 * t[k])
-        off = off_us if k and k % (7 * rate) == 0 else 0
+        off = off_us if k and k % (2 * rate) == 0 else 0
         assert abs(stamp(right, t_us, arrival) - stamp(wrong, t_us + off, arrival)) < 1000
         irregular += [k] * wrong.irregular
         assert not right.irregular
         assert not wrong.jump_us
-    assert irregular == [7 * rate, 14 * rate]
+    assert irregular == [2 * rate, 4 * rate]
 
 
 @pytest.mark.parametrize('off_us', [40_000, -9000])
@@ -96,21 +95,20 @@ def test_a_sample_that_the_board_took_late_keeps_its_own_time_and_missed_samples
     assert np.ptp(run(clock, t)) == 0
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_a_busy_minute_does_not_change_the_estimated_skew(seed):
+def test_a_busy_minute_does_not_change_the_estimated_skew():
     clock, t = BoardClock(), times(180, 100)
-    busy = 4e-3 * np.random.default_rng(seed).weibull(4, len(t))
-    run(clock, t, np.where(t < 60, jitter(t, 50, seed), busy), 50.0)
+    busy = 4e-3 * np.random.default_rng(1).weibull(4, len(t))
+    run(clock, t, np.where(t < 60, jitter(t, 50), busy), 50.0)
     assert clock.skew_ppm == pytest.approx(50, abs=2)
 
 
 def test_one_early_sample_changes_the_offset_but_not_the_skew():
-    clock, t = BoardClock(), times(100)
+    clock, t = BoardClock(), times(100, 100)
     late = 5e-4 + jitter(t, 50)
-    late[70_000] = 0
+    late[7000] = 0
     error = run(clock, t, late)
     assert abs(clock.skew_ppm) < 1
-    assert np.ptp(error[70_000:]) < 50
+    assert np.ptp(error[7000:]) < 50
 
 
 @pytest.mark.parametrize(
