@@ -210,7 +210,7 @@ def _cost(candidate: Predicted, limits: Limits) -> float:
 
 def _train(u: Array, limits: Limits, interval: float) -> PulseTrain:
     """Return the pulse train at a point of the search, with all :data:`COORDINATES` from 0 to 1."""
-    period = _between(20 * interval, max(SETTINGS.longest_period, 40 * interval), u[0])
+    period = _between(max(20 * interval, 0.01), max(SETTINGS.longest_period, 40 * interval), u[0])
     low, high = (min(_rounded(limits.torque * max(a, 1e-3)), limits.torque) for a in u[2:4])
     hold = _between(interval, max(SETTINGS.longest_hold, 2 * interval), u[4])
     width = _between(SETTINGS.narrowest, 1.0, u[1])

@@ -7,7 +7,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,45 +14,38 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, ResultError
 from pendubot_identification.files import addressed, read_yaml, write_atomically
 from pendubot_identification.resources import resource
+from pendubot_identification.setting import Setting
 
 NODE = 'exciter'
 TEMPLATE = 'config/exciter.yaml'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PulseTrain:
     """Pulses at a fixed period; within a pulse the torque takes a new random value every ``hold`` seconds.
 
-    The paper's period and torque range are not known; the defaults excite the virtual rig well.
+    The paper's period and torque range are not known; the defaults excite the virtual rig well. :data:`SETTINGS` has
+    the meanings and ranges.
 
     Raises:
         ParameterError: a value is out of range.
     """
 
-    period: float = 1.0  #: Time from one pulse to the next [s].
-    width: float = 0.05  #: Duration of a pulse as a fraction of the period (5 % in the paper).
-    amplitude_min: float = -1.0  #: Least torque within a pulse [N m].
-    amplitude_max: float = 1.0  #: Greatest torque within a pulse [N m].
-    hold: float = 0.01  #: Hold time of each random torque [s].
-    seed: int = 1  #: Same seed, same torque.
+    period: float = 1.0
+    width: float = 0.05
+    amplitude_min: float = -1.0
+    amplitude_max: float = 1.0
+    hold: float = 0.01
+    seed: int = 1
 
     def __post_init__(self) -> None:
-        for name, time in (('period', self.period), ('hold', self.hold)):
-            if not 0 < time < np.inf:
-                raise ParameterError(f'{name} is {time:g} s; a time above 0 is expected')
-        if not 0 < self.width <= 1:
-            raise ParameterError(
-                f'width is {self.width:g}; a fraction of the period, above 0 and at most 1, is expected'
-            )
-        if not (np.isfinite(self.amplitude_min) and np.isfinite(self.amplitude_max)):
-            raise ParameterError('amplitude_min or amplitude_max is not finite; torques in N m are expected')
+        for setting in SETTINGS:
+            setting.check(getattr(self, setting.name))
         if self.amplitude_min >= self.amplitude_max:
             raise ParameterError(
                 f'amplitude_min {self.amplitude_min:g} is not below amplitude_max {self.amplitude_max:g}; give the '
                 'smaller torque first'
             )
-        if self.seed < 0:
-            raise ParameterError(f'seed is {self.seed}; a whole number of at least 0 is expected')
 
     def torque(self, t: float) -> float:
         """Return the torque [N m] at ``t`` [s] after the start; 0 before it and between pulses."""
@@ -72,6 +64,18 @@ class PulseTrain:
             values = rng.uniform(self.amplitude_min, self.amplitude_max, int(number[here].max()) + 1)
             result[here] = values[number[here]]
         return result
+
+
+#: The parameters of a pulse train.
+SETTINGS = (
+    Setting('period', PulseTrain.period, 'time from one pulse to the next', 's', 0.01, 3600.0),
+    Setting('width', PulseTrain.width, 'length of a pulse as a fraction of the period (the paper: 0.05)', '', 1e-3, 1),
+    Setting('amplitude_min', PulseTrain.amplitude_min, 'smallest torque within a pulse', 'N m', -1000.0, 1000.0),
+    Setting('amplitude_max', PulseTrain.amplitude_max, 'largest torque within a pulse', 'N m', -1000.0, 1000.0),
+    Setting('hold', PulseTrain.hold, 'duration of each random torque', 's', 1e-4, 60.0),
+    Setting('seed', PulseTrain.seed, 'seed of the torques', '', 0, 2**31 - 1),
+)
+DURATION = Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0)
 
 
 def write_exciter(
@@ -101,10 +105,9 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
     matching = [parameters for name, parameters in addressed(data) if name.rpartition('/')[2] in (NODE, '*', '**')]
     if not matching:
         raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}')
-    values: dict[str, Any] = {'duration': 18.0} | {k: v for parameters in matching for k, v in parameters.items()}
-    pulses: dict[str, Any] = asdict(PulseTrain())
+    values = {name: value for parameters in matching for name, value in parameters.items()}
     try:
-        numbers = {name: type(default)(str(values.get(name, default))) for name, default in pulses.items()}
-        return PulseTrain(**numbers), float(str(values['duration']))
-    except ValueError as error:
-        raise ParameterError(f'{path}: {error}; numbers are expected; {expected}') from error
+        *pulses, duration = (each.parse(values.get(each.name, each.default)) for each in (*SETTINGS, DURATION))
+        return PulseTrain(*pulses), duration
+    except ParameterError as error:
+        raise ParameterError(f'{path}: {error}; {expected}') from error

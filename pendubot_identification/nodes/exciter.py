@@ -5,7 +5,6 @@
 
 import math
 import time
-from dataclasses import fields
 from functools import partial
 from typing import Any
 
@@ -14,7 +13,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.excitation import excitation
 from pendubot_identification.level import number
 from pendubot_identification.setting import Setting
 
@@ -40,13 +39,8 @@ class Exciter(SettingsNode):
         'joint_states. At the end, and on SIGINT or SIGTERM, it commands zero torque and disarms the bridge.'
     )
     SETTINGS = (
-        Setting('period', 1.0, 'time from one pulse to the next', 's', 0.01, 3600.0),
-        Setting('width', 0.05, 'length of a pulse as a fraction of the period (the paper: 0.05)', '', 1e-3, 1.0),
-        Setting('amplitude_min', -1.0, 'smallest torque within a pulse', 'N m', -1000.0, 1000.0),
-        Setting('amplitude_max', 1.0, 'largest torque within a pulse', 'N m', -1000.0, 1000.0),
-        Setting('hold', 0.01, 'duration of each random torque', 's', 1e-4, 60.0),
-        Setting('seed', 1, 'seed of the torques', '', 0, 2**31 - 1),
-        Setting('duration', 18.0, 'length of the excitation; 0: until stopped', 's', 0.0, 86400.0),
+        *excitation.SETTINGS,
+        excitation.DURATION,
         Setting('arm', False, 'whether it arms the bridge itself; otherwise it waits until you call bridge/arm'),
         Setting('recorded', False, 'whether it moves the rig only while a recorder records its joint states'),
     )
@@ -185,8 +179,8 @@ class Exciter(SettingsNode):
         self.end(1)
 
 
-def _pulses(values: dict[str, Any]) -> PulseTrain:
-    return PulseTrain(**{each.name: values[each.name] for each in fields(PulseTrain)})
+def _pulses(values: dict[str, Any]) -> excitation.PulseTrain:
+    return excitation.PulseTrain(**{each.name: values[each.name] for each in excitation.SETTINGS})
 
 
 main = partial(run, Exciter)
