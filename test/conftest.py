@@ -34,7 +34,7 @@ hypothesis.settings.register_profile('hand', deadline=None)
 hypothesis.settings.load_profile(os.environ.get('HYPOTHESIS_PROFILE', 'ci' if os.environ.get('CI') else 'hand'))
 
 #: Tests that import rclpy.
-NEED_ROS = ['nodes/test_*', 'firmware/test_bridge.py', 'test_fault_trials.py']
+NEED_ROS = ['nodes/test_*', 'test_fault_trials.py']
 collect_ignore_glob = [] if importlib.util.find_spec('rclpy') else NEED_ROS
 
 ROOT = Path(__file__).resolve().parent.parent

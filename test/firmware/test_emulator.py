@@ -83,6 +83,8 @@ def test_hello_has_limits_and_commit_and_torque_sets_duty_and_direction(emulator
         hello, _ = drive(line, torque)
         assert emulator.written(TIM1, CCR1)[-1] == duty
         assert emulator.written(GPIOB, BSRR)[-1] == pin
+    states = [e for e in line.events(10, lambda e: e.t_us > 500_000) if isinstance(e, State)]
+    assert [s.seq for s in states] == list(range(states[0].seq, states[0].seq + len(states))), 'samples were lost'
     line.write(encode(Command(4, 0, 0)))
     line.events(10, lambda e: isinstance(e, State) and e.cmd_seq == 4)
     assert (emulator.written(TIM1, CCR1)[-1], emulator.written(TIM1, BDTR)[-1]) == (0, OFF)
