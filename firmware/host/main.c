@@ -31,8 +31,8 @@
 static const char usage[] =
     "usage: pendubot_board [--link PATH] [--rate HZ] [--counts N] [--torque-limit NM] [--preset paper|balance]\n"
     "                      [--trace FILE] [--duration S] [--seed N] [--fault NAME=VALUE ...] [--limit NAME=VALUE ...]\n"
-    "faults: bit_flip, duplicate_frame (probability, of each sample's bytes), glitch (of each sample), reset_at,\n"
-    "stuck_at (seconds after the start)\n"
+    "faults: bit_flip (probability, of each sample's bytes), glitch (of each sample), reset_at, stuck_at (seconds after\n"
+    "the start)\n"
     "limits, in the units of HELLO, 0 for none: torque_slew, max_speed, max_travel1, max_travel2, stall_torque, stall_ms,\n"
     "continuous_ma, overload_ms, max_vbus\n";
 
@@ -51,7 +51,7 @@ static struct pendubot_settings settings = {
     .firmware = "host in C",
 };
 
-static double bit_flip, duplicate_frame, glitch, reset_at = INFINITY, stuck_at = INFINITY;
+static double bit_flip, glitch, reset_at = INFINITY, stuck_at = INFINITY;
 static struct plant plant;
 static const char *link_path;
 static FILE *trace;
@@ -227,10 +227,6 @@ bool board_send(const uint8_t *data, size_t size)
     if (chance(bit_flip)) {
         bytes[below(size)] ^= (uint8_t)(1u << below(8));
     }
-    if (chance(duplicate_frame)) {
-        memcpy(bytes + size, bytes, size);
-        size *= 2;
-    }
     return host_is_there() && write_whole(bytes, size);
 }
 
@@ -269,7 +265,6 @@ static void set(const char *text)
         double most;
     } fields[] = {
         { "bit_flip", &bit_flip, sizeof bit_flip, 1 },
-        { "duplicate_frame", &duplicate_frame, sizeof duplicate_frame, 1 },
         { "glitch", &glitch, sizeof glitch, 1 },
         { "reset_at", &reset_at, sizeof reset_at, INFINITY },
         { "stuck_at", &stuck_at, sizeof stuck_at, INFINITY },

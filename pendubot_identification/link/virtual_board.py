@@ -70,11 +70,8 @@ class Faults:
     """
 
     bit_flip: float = 0.0  #: Probability of a flipped bit in a frame to the host.
-    duplicate_frame: float = 0.0
     glitch: float = 0.0  #: Probability of a shoulder sample that is half a turn off.
     reset_at: float = math.inf  #: Time of a restart of the board.
-    emergency_stop_at: float = math.inf  #: Time of an emergency stop, which lasts until the board restarts.
-    over_current_at: float = math.inf  #: Time of an over-current of 0.1 s.
     stuck_at: float = math.inf  #: Time from which the shoulder's encoder stands still.
 
     def __post_init__(self) -> None:
@@ -87,10 +84,6 @@ def _expect(name: str, value: float, low: float, high: float) -> None:
         raise ParameterError(f'{name} is {value:g}; a number from {low:g} to {high:g} is expected')
 
 
-#: Duration of an over-current [us].
-_OVER_CURRENT_US = 100_000
-
-
 class VirtualBoard:
     """A virtual board that applies its torque to a simulated plant, sample by sample.
 
@@ -101,6 +94,7 @@ class VirtualBoard:
     Attributes:
         last: the last sample without transmission faults; None before the first.
         armed: whether the motor is armed.
+        present: status bits of present faults that the simulation lacks, such as an over-current.
     """
 
     def __init__(
@@ -116,6 +110,8 @@ class VirtualBoard:
         self._plant, self._bare = plant, plant.parameters
         self._due: Parameters | None = None
         self._faults = faults or Faults()
+        self._reset_us = self._faults.reset_at * 1e6
+        self.present = 0
         self._rng = np.random.default_rng(seed)
         self._elapsed_us = 0
         self._origin = (0, 0)
@@ -147,16 +143,10 @@ class VirtualBoard:
         """Set the overrun bit in the next STATE, because bytes could not be sent."""
         self._notes |= Status.OVERRUN
 
-    def advance(self) -> bytes:
-        """Take one sample and move the plant until the next; return the bytes for the host."""
-        out = self.sample()
-        self.move()
-        return out
-
     def sample(self) -> bytes:
         """Take one sample; return the bytes for the host. Call :meth:`move` before the next sample."""
-        if self._has_come(self._faults.reset_at):
-            self._origin = self._encoders()
+        if self._elapsed_us >= self._reset_us:
+            self._origin, self._reset_us = self._encoders(), math.inf
             self._boot(2)
         # The delimiter ends a frame that a restart truncated, so that the first frame is not lost.
         out, self._first = self._first, b''
@@ -194,7 +184,7 @@ class VirtualBoard:
         self._zeroed = False
         self._stuck: int | None = None
         self._latched = 0  # status bits of the disarming's cause, until a mode 0 or the next arming
-        self._booted_us = self._elapsed_us
+        self._stopped = 0  # the emergency stop bit, from the press on
         self._wanted = 0
         self._applied = 0  # until the next sample
         self._slewed = 0  # last torque of the slew rate limiter; a disarming sets it to 0
@@ -210,20 +200,14 @@ class VirtualBoard:
         if command.mode == Mode.DISARM:
             self._disarm(0)
             self._latched = 0
+            self._cmd_seq = command.seq
         elif command.mode == Mode.CONFIRM_ZEROS:
             self._zeroed |= command.session == self._boot_id
-            return
-        elif command.mode != Mode.TORQUE:
-            return
-        elif command.session != self._session or not self._session:
+        elif command.mode == Mode.TORQUE and (command.session != self._session or not self._session):
             self._refuse()
-            return
-        elif self.armed and not self._standing_faults():
+        elif command.mode == Mode.TORQUE and self.armed and not self._standing_faults():
             self._wanted = command.torque
-            self._hold(command.watchdog_ms)
-        else:
-            return
-        self._cmd_seq = command.seq
+            self._hold(command)
 
     def _arm(self, request: Arm) -> None:
         if self.armed and request.session == self._session:
@@ -236,11 +220,11 @@ class VirtualBoard:
         self._session = request.session
         self._wanted = 0
         self._latched = 0
-        self._hold(request.watchdog_ms)
-        self._cmd_seq = request.seq
+        self._hold(request)
 
-    def _hold(self, watchdog_ms: int) -> None:
-        self._holds_until_us = self._clock_us + 1000 * min(watchdog_ms, self.settings.watchdog_max_ms)
+    def _hold(self, request: Command | Arm) -> None:
+        self._holds_until_us = self._clock_us + 1000 * min(request.watchdog_ms, self.settings.watchdog_max_ms)
+        self._cmd_seq = request.seq
 
     def _disarm(self, reason: int) -> None:
         """Switch off; this invalidates earlier ARMs."""
@@ -254,14 +238,8 @@ class VirtualBoard:
         self._notes |= Status.REFUSED
 
     def _standing_faults(self) -> int:
-        standing = Status.EMERGENCY_STOP if self._has_come(self._faults.emergency_stop_at) else 0
-        if 0 <= self._elapsed_us - self._faults.over_current_at * 1e6 < _OVER_CURRENT_US:
-            standing |= Status.OVER_CURRENT
-        return standing | self._exceeded
-
-    def _has_come(self, time: float) -> bool:
-        """Return whether a time [s] is past and in this boot."""
-        return self._booted_us < time * 1e6 <= self._elapsed_us
+        self._stopped |= self.present & Status.EMERGENCY_STOP
+        return self.present | self._exceeded | self._stopped
 
     def _state(self) -> State:
         period = self.settings.sample_period_us
@@ -315,9 +293,8 @@ class VirtualBoard:
         return probability > 0.0 and bool(self._rng.random() < probability)
 
     def _transmit(self, message: Message) -> bytes:
-        faults = self._faults
         data = bytearray(encode(message))
-        if self._chance(faults.bit_flip):
+        if self._chance(self._faults.bit_flip):
             bit = int(self._rng.integers(8 * len(data)))
             data[bit // 8] ^= 1 << bit % 8
-        return bytes(data) * (2 if self._chance(faults.duplicate_frame) else 1)
+        return bytes(data)

@@ -60,7 +60,8 @@ def test_a_bad_line_and_a_suspended_program_cause_no_accusation_and_no_unwanted_
         now += MS
         if ms % 10 == 0:
             board.receive(to_board.receive(now))
-            to_host.send(board.advance(), now)
+            to_host.send(board.sample(), now)
+            board.move()
             # The last command expires after the watchdog time, but for the latency and a sample.
             assert board.last.torque == 0 or now - alive < (100 + latency + 20) * MS
         if asleep:

@@ -19,12 +19,13 @@ class Bench:
 
     def __init__(self, board):
         self.board, self.decoder = board, Decoder()
-        self.hello, self.state = self.decoder.feed(board.advance())
+        self.hello, self.state = self.decoder.feed(board.sample())
 
     def step(self, samples=1):
         """Return the last STATE."""
         for _ in range(samples):
-            *hello, self.state = self.decoder.feed(self.board.advance())
+            self.board.move()
+            *hello, self.state = self.decoder.feed(self.board.sample())
             self.hello = (hello or [self.hello])[0]
         return self.state
 
@@ -39,10 +40,12 @@ class Bench:
 
 
 def test_a_restart_resets_everything_except_the_motion_and_ends_an_emergency_stop():
-    faults = Faults(emergency_stop_at=0.05, reset_at=0.5)
-    bench = Bench(VirtualBoard(Plant(PAPER, q=(-1.0, 0.3)), faults=faults)).arm()
+    bench = Bench(VirtualBoard(Plant(PAPER, q=(-1.0, 0.3)), faults=Faults(reset_at=0.5))).arm()
     first = bench.hello
-    assert bench.step(48).status == Status.EMERGENCY_STOP
+    bench.board.present = Status.EMERGENCY_STOP
+    assert bench.step().status == Status.EMERGENCY_STOP
+    bench.board.present = 0
+    assert bench.step(47).status == Status.EMERGENCY_STOP
     state, hello = bench.step(), bench.hello
     assert hello.boot_id != first.boot_id
     assert (hello.seq, hello.t_us, state.t_us, state.enc1, state.enc2) == (0, 0, 0, 0, 0)
@@ -58,17 +61,16 @@ def test_a_payload_is_added_and_removed_without_changing_the_position():
         board.carry(payload)
         fellow.become(rig)
         for _ in range(20):
-            board.advance()
+            board.sample()
+            board.move()
             fellow.advance((0.0, 0.0), 0.01)
         assert board._plant.q == pytest.approx(fellow.q, abs=1e-12)
 
 
 def test_the_seed_determines_the_bytes():
-    faults = Faults(bit_flip=0.2, duplicate_frame=0.1, glitch=0.1)
-
     def stream(seed):
-        board = VirtualBoard(Plant(PAPER), faults=faults, seed=seed)
-        return [board.advance() for _ in range(200)]
+        board = VirtualBoard(Plant(PAPER), faults=Faults(bit_flip=0.2, glitch=0.1), seed=seed)
+        return [board.sample() for _ in range(200)]
 
     assert stream(1) == stream(1)
     assert stream(1) != stream(2)
