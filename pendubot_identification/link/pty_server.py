@@ -149,11 +149,11 @@ class PtyServer:
         if self._master is None:
             time.sleep(wait)
             return
-        if not self._host_is_there():
+        if self._host_is_there():
+            select.select([self._master], [], [], wait)
+        else:
             time.sleep(wait)
-        elif not select.select([self._master], [], [], wait)[0]:
-            return
-        # A host that disconnected may have sent bytes before; otherwise reading fails.
+        # A host that disconnected may have sent bytes before; without bytes, reading fails.
         with contextlib.suppress(OSError):
             self._board.receive(os.read(self._master, 4096))
             self._heard = time.monotonic_ns()

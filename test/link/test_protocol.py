@@ -7,7 +7,7 @@ import re
 from itertools import pairwise
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.link.protocol import (
@@ -74,6 +74,7 @@ def test_decoding_inverts_encoding(message):
     assert Decoder(ALL).feed(data) == [message]
 
 
+@settings(max_examples=40)
 @given(
     st.lists(st.one_of(messages.map(encode), st.binary(max_size=120), st.binary(max_size=3).map(lambda b: b + b'\0'))),
     st.data(),
