@@ -139,11 +139,10 @@ def closed_loop(design: Design, delay: float | None = None, rig: Parameters | No
         Shapes (8 + N, 8 + N): the state is x, its estimate before the measurement, and the torques of N samples.
     """
     loop, delay = design.loop, design.loop.delay if delay is None else delay
-    Phi_rig, actual = _effects(rig or design.parameters, loop.period, delay, loop.period)
-    Phi, assumed = _effects(design.parameters, loop.period, loop.delay, loop.period)
-    ahead, pending = _effects(design.parameters, loop.period, loop.delay, loop.delay)
-    past = max(map(len, (actual, assumed, pending))) - 1
-    actual, assumed, pending = (np.pad(m, ((0, past + 1 - len(m)), (0, 0))) for m in (actual, assumed, pending))
+    past = math.ceil(max(delay, loop.delay) / loop.period - 1e-9)
+    Phi_rig, actual = _effects(rig or design.parameters, loop.period, delay, loop.period, past)
+    Phi, assumed = _effects(design.parameters, loop.period, loop.delay, loop.period, past)
+    ahead, pending = _effects(design.parameters, loop.period, loop.delay, loop.delay, past)
     state, estimate, torques = np.split(np.eye(8 + past), [4, 8])
     corrected = estimate + design.L @ _MEASURED @ (state - estimate)
     torque = -design.K @ (ahead @ corrected + pending[1:].T @ torques)
@@ -154,20 +153,18 @@ def closed_loop(design: Design, delay: float | None = None, rig: Parameters | No
     return fixed, moved
 
 
-def _effects(rig: Parameters, period: float, delay: float, span: float) -> tuple[Array, Array]:
+def _effects(rig: Parameters, period: float, delay: float, span: float, past: int) -> tuple[Array, Array]:
     """Return the transition matrix over ``span`` [s] after a sample, shape (4, 4), and the effects of torques.
 
-    Row j of the effects, shape (N, 4), belongs to the torque from j samples before this one.
+    Row j of the effects, shape (past + 1, 4), belongs to the torque from j samples before this one.
     """
     A, both = linearise(rig)
-    effects = []
-    for j in range(math.ceil(delay / period - 1e-9) + 1):
+    B, effects = both[:, :1], np.zeros((past + 1, 4))
+    for j in range(past + 1):
         begin, end = max(0.0, delay - j * period), min(span, delay - (j - 1) * period)
-        effect = np.zeros(4)
-        if end > begin:
-            effect = (sampled(A, both[:, :1], span - end)[0] @ sampled(A, both[:, :1], end - begin)[1])[:, 0]
-        effects.append(effect)
-    return sampled(A, both[:, :1], span)[0], np.array(effects)
+        if end - begin > 1e-9 * period:
+            effects[j] = (sampled(A, B, span - end)[0] @ sampled(A, B, end - begin)[1])[:, 0]
+    return sampled(A, B, span)[0], effects
 
 
 @dataclass(frozen=True, slots=True)
