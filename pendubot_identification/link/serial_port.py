@@ -24,7 +24,11 @@ _READ_TIMEOUT = 0.05
 #: Time with a full buffer after which the device counts as lost [s].
 _WRITE_TIMEOUT = 0.02
 
-_MISSING, _BUSY, _FORBIDDEN = 'missing', 'busy', 'forbidden'
+#: Reasons why a port could not be opened, each with the correction.
+_MISSING = 'is missing; connect the board, or set port to its path'
+_BUSY = 'is busy'
+_FORBIDDEN = 'is forbidden to this user; add the user to the group dialout (sudo adduser $USER dialout), log in again'
+_UNUSABLE = 'cannot be opened ({}); set port to a serial port or a pyserial URL'
 _TROUBLES = dict.fromkeys((errno.ENOENT, errno.ENXIO, errno.ENODEV), _MISSING)
 _TROUBLES |= dict.fromkeys((errno.EBUSY, errno.EAGAIN), _BUSY) | dict.fromkeys((errno.EACCES, errno.EPERM), _FORBIDDEN)
 
@@ -77,11 +81,13 @@ class SerialPort:
             try:
                 device = open_port(self._port, self._baud)
             except Exception as error:
-                trouble = _TROUBLES.get(getattr(error, 'errno', None) or 0, str(error) or type(error).__name__)
+                unusable = _UNUSABLE.format(str(error) or type(error).__name__)
+                trouble = _TROUBLES.get(getattr(error, 'errno', None) or 0, unusable)
                 # Only for a new reason: the search for the program that holds a busy port is slow.
                 if trouble != reported:
                     reported = trouble
-                    self._on_closed(_sentence(self._port, trouble))
+                    holders = f': {_holders(self._port)} holds it; end that program' if trouble == _BUSY else ''
+                    self._on_closed(f'the port {self._port} {trouble}{holders}')
                 self._stopping.wait(RETRY)
                 continue
             with self._lock:
@@ -157,21 +163,8 @@ def _wait_and_read(device: serial.SerialBase) -> bytes:
     return data
 
 
-def _sentence(port: str, trouble: str) -> str:
-    """Return a message with the reason why a port could not be opened, and the correction."""
-    if trouble == _MISSING:
-        return f'the port {port} is missing; connect the board, or set port to its path'
-    if trouble == _BUSY:
-        names = ' and '.join(_holders(port)) or f'a program of another user (sudo fuser -v {port} names it)'
-        return f'the port {port} is busy: {names} holds it; end that program'
-    if trouble == _FORBIDDEN:
-        remedy = 'add the user to the group dialout (sudo adduser $USER dialout) and log in again'
-        return f'the port {port} is forbidden to this user; {remedy}'
-    return f'the port {port} cannot be opened ({trouble}); set port to a serial port or a pyserial URL'
-
-
-def _holders(port: str) -> list[str]:
-    """Return this user's programs that have a device open, as ``name (process 123)``."""
+def _holders(port: str) -> str:
+    """Return the names of this user's programs that have a device open, as ``name (process 123)``."""
     device = Path(port).resolve()
     holders = []
     for process in Path('/proc').glob('[0-9]*'):
@@ -179,7 +172,7 @@ def _holders(port: str) -> list[str]:
         with contextlib.suppress(OSError):
             if any(descriptor.resolve() == device for descriptor in (process / 'fd').iterdir()):
                 holders.append(f'{(process / "comm").read_text().strip()} (process {process.name})')
-    return holders
+    return ' and '.join(holders) or f'a program of another user (sudo fuser -v {port} names it)'
 
 
 class FrameWriter:
