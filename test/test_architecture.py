@@ -33,11 +33,11 @@ NO_ROSDEP = {
     'axe_playwright_python',
     'playwright',
     'pyarrow',
-    'shtab',
+    'argcomplete',
     'swarmops',
 }
 #: Optional dependencies; a message names the command that installs them.
-OPTIONAL = {'aiohttp', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'shtab'}
+OPTIONAL = {'aiohttp', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'argcomplete'}
 #: Dependencies of mcap, without a rosdep key of their own.
 OF_MCAP = {'zstandard'}
 

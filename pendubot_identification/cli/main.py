@@ -6,21 +6,20 @@
 import argparse
 import importlib
 import io
-import re
+import os
 import sys
 import traceback
 from collections.abc import Sequence
 
 from pendubot_identification import kernel
 from pendubot_identification.errors import PendubotError, UsageError, sentence
-from pendubot_identification.identification.options import CRITERION
 
 from .arguments import parser
 
 #: Modules of the subcommands whose module has another name; each has a function run_SUBCOMMAND.
 MODULES = dict.fromkeys(('import', 'simulate', 'repair'), '.bags')
 MODULES |= dict.fromkeys(('report', 'compare', 'export'), '.results')
-MODULES |= {'completion': '.main', 'studio': '.main', 'reproduce': 'pendubot_identification.paper.reproduction'}
+MODULES |= {'studio': '.main', 'reproduce': 'pendubot_identification.paper.reproduction'}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -29,14 +28,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         # A terminal or pipe without a character such as ± must not abort after minutes of computation.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
-    args, unknown = parser().parse_known_args(argv)
+    top = parser()
+    if '_ARGCOMPLETE' in os.environ:  # the shell asks what can follow
+        import argcomplete
+
+        argcomplete.autocomplete(top)
+    args, unknown = top.parse_known_args(argv)
     if unknown:
         args.parser.error(f'unrecognized arguments: {" ".join(unknown)}')
     if args.debug:
         print(f'pendubot: {kernel.description()}', file=sys.stderr)
     if args.subcommand == 'help':
         try:
-            parser().parse_args([*filter(None, [args.command]), '--help'])
+            top.parse_args([*filter(None, [args.command]), '--help'])
         except SystemExit as ended:
             return int(ended.code or 0)
     try:
@@ -52,23 +56,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         print(f'pendubot: {sentence(error)}', file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
-
-
-def run_completion(args: argparse.Namespace) -> int:
-    """Print a shell script for the completion of subcommands, options and file names."""
-    try:
-        import shtab
-    except ImportError as error:
-        raise PendubotError('completion needs shtab, which is not installed: pip install shtab') from error
-    top = parser()
-    subparsers = next(a for a in top._actions if isinstance(a, argparse._SubParsersAction))
-    choices = {'criterion': CRITERION.choices, 'command': [*subparsers.choices]}
-    for action in (action for each in subparsers.choices.values() for action in each._actions):
-        if re.search('BAG|FILE|DIR|FOLDER|yaml', str(action.metavar)):
-            action.complete = shtab.FILE
-        action.choices = choices.get(action.dest, action.choices)
-    print(shtab.complete(top, args.shell))
-    return 0
 
 
 def run_studio(args: argparse.Namespace) -> int:
