@@ -22,7 +22,7 @@ from itertools import product
 from pathlib import Path
 from textwrap import fill
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -68,7 +68,7 @@ Swap = Literal['nothing', 'joints', 'positions', 'efforts']
 Quantity = Literal['q1', 'q2', 'tau1', 'tau2']
 Plot = Literal['simulation', 'recordings', 'torque']
 
-ARRAYS = ('t', 'q', 'tau', 'qd')
+KINDS = 'names of bags or files, or else DataFrames, motions as read() returns them, or t, q and tau are expected'
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)
 
@@ -124,7 +124,6 @@ def read(  # noqa: D417
         (window,) = windows_of([str(source)], conversion)
         recorded = read_trajectory(window, conversion)
     else:
-        _require_known([source])
         recorded = _in_memory(source, conversion)
     if recorded.note:
         warnings.warn(recorded.note, stacklevel=2)
@@ -201,13 +200,13 @@ def identify(  # noqa: D417
     from .results.options import bounds_of, settings_of
 
     settings = settings_of(_options(locals(), (*OPTIONS, *CONVERSION)), bounds_of(bounds or {}))
-    arrays = dict(zip(ARRAYS, (t, q, tau, qd), strict=True))
-    if recordings and any(values is not None for values in arrays.values()):
+    arrays = _Arrays(t, q, tau, qd)
+    given = [name for name, values in arrays._asdict().items() if values is not None]
+    if recordings and given:
         raise ParameterError('both recordings and arrays were given; give either recordings or t, q and tau')
-    missing = [name for name in ARRAYS[:3] if arrays[name] is None]
-    if 0 < len(missing) < 3 and not recordings:
+    if given and (missing := [name for name in ('t', 'q', 'tau') if name not in given]):
         raise ParameterError(f'{" and ".join(missing)} is missing; t, q and tau are expected together')
-    training = recordings or (() if missing else (arrays,))
+    training: Sequence[object] = recordings or ([arrays] if given else ())
     validation = _several(validate)
     words = settings.reading.words()
     if words and any(isinstance(each, Trajectory) for each in (*training, *validation)):
@@ -255,40 +254,36 @@ def _several(recordings: object) -> Sequence[object]:
 
 def _load(recordings: Sequence[object], validate: Sequence[object], conversion: Conversion) -> Datasets:
     """Return the motions for training and for validation."""
-    given = [*recordings, *validate]
-    if all(isinstance(each, (str, Path)) for each in given) and recordings:
+    if not recordings:
+        raise ParameterError(f'nothing was given; {KINDS}')
+    if all(isinstance(each, (str, Path)) for each in (*recordings, *validate)):
         return load_datasets([str(each) for each in recordings], [str(each) for each in validate], conversion)
-    _require_known(given if recordings else [])
     training, validation = ([_in_memory(each, conversion) for each in side] for side in (recordings, validate))
     return divided(training, validation)
 
 
-def _require_known(recordings: Sequence[object]) -> None:
-    """Raise ParameterError unless all recordings are motions, DataFrames or mappings of arrays."""
+class _Arrays(NamedTuple):
+    """The arguments of :func:`identify` for a motion in arrays."""
 
-    def known(r: object) -> bool:
-        frame, arrays = hasattr(r, 'columns') and hasattr(r, 'iloc'), isinstance(r, Mapping) and r.keys() >= {*ARRAYS}
-        return isinstance(r, Trajectory) or frame or arrays
-
-    if not recordings or not all(map(known, recordings)):
-        kinds = ', '.join(dict.fromkeys(type(each).__name__ for each in recordings)) or 'nothing'
-        raise ParameterError(
-            f'{kinds} was given; names of bags or files, or else DataFrames, motions as read() returns them, or t, q '
-            'and tau are expected'
-        )
+    t: ArrayLike | None
+    q: ArrayLike | None
+    tau: ArrayLike | None
+    qd: ArrayLike | None
 
 
 def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
-    """Return the motion of a DataFrame or of arrays by name, converted, or a motion itself."""
+    """Return the motion of a DataFrame or of arrays, converted, or a motion itself. May raise ParameterError."""
     note = taken_as = ''
     if isinstance(recording, Trajectory):
         motion = conversion.motion(recording.t, recording.q, recording.tau, recording.qd, recording.name)
-    elif isinstance(recording, Mapping):
-        t, q, tau = (_numbers(name, recording[name]) for name in ARRAYS[:3])
-        qd = None if recording['qd'] is None else _numbers('qd', recording['qd'])
+    elif isinstance(recording, _Arrays):
+        numbers = {name: _numbers(name, each) for name, each in recording._asdict().items() if each is not None}
+        t, q, tau, qd = numbers['t'], numbers['q'], numbers['tau'], numbers.get('qd')
         if q.shape != (*t.shape, 2):
             raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
         motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, tau), qd, 'arrays')
+    elif not hasattr(recording, 'iloc'):
+        raise ParameterError(f'{type(recording).__name__} was given; {KINDS}')
     else:
         named = recording.reset_index() if recording.index.name else recording
         cells = [named.iloc[:, k] for k in range(named.shape[1])]
