@@ -98,7 +98,6 @@ setup(
             'nbclient',
             'openpyxl',
             'pandas',
-            'pandas-stubs',
             'playwright',
             'pyarrow',
             'pytest',
