@@ -35,8 +35,8 @@ ROOMS = Path(__file__).parent.parent
 #: The files of the page by address; base.css also gives the report's pages their colours and controls.
 PAGE = {name: ROOMS / 'studio' / (name or 'studio.html') for name in ('', 'studio.css', 'studio.js')}
 PAGE |= {'base.css': ROOMS / 'report' / 'base.css'}
-#: Largest size of all files of a session [bytes], largest number of sessions, and longest name of a file [characters].
-LARGEST, SESSIONS, LONGEST_NAME = 2 << 30, 16, 200
+#: Longest name of a file [characters].
+LONGEST_NAME = 200
 #: Longest line of a task [bytes].
 LINE = 1 << 24
 BOUNDS = Setting('bounds', '', 'search intervals, such as P1=0:0.5, or fixed values, such as b2=0', optional=True)
@@ -60,12 +60,10 @@ class Session:
     Attributes:
         folder: private folder, with received files in ``files`` and the files of the result in ``output``.
         recordings: paths of recordings by name, absolute if given in the terminal, else relative to ``files``.
-        size: size of the received files [bytes].
     """
 
     folder: Path
     recordings: dict[str, str]
-    size: int = 0
 
     def place(self, name: str) -> Path:
         """Return the path for a received file, which may be in a bag's folder.
@@ -136,8 +134,6 @@ class Studio:
 
     async def _open(self, _: web.Request) -> web.Response:
         """Open a session; answer with its name, the recordings, and the options."""
-        if len(self._sessions) >= SESSIONS:
-            raise PendubotError(f'{SESSIONS} pages are open already, which is the limit; close one of them')
         name = secrets.token_urlsafe(12)
         recordings = {'paper_experiment': str(resource('bags/paper_experiment'))} | self._given
         self._sessions[name] = Session(self._root / name, recordings)
@@ -158,24 +154,20 @@ class Studio:
         return session
 
     async def _receive(self, request: web.Request) -> web.Response:
-        """Receive a file, up to the size limit of the session."""
+        """Receive a file, complete or not at all."""
         session, name = self._session(request), request.match_info['name']
         place, recording = session.place(name), name.partition('/')[0]
         if recording in self._given:
             raise PendubotError(f'a recording {recording} was given in the terminal; rename one of the two')
         place.parent.mkdir(exist_ok=True)
-        partial, size = place.with_name(f'.{secrets.token_hex(8)}'), 0
+        partial = place.with_name(f'.{secrets.token_hex(8)}')
         try:
             with partial.open('wb') as file:
                 async for block in request.content.iter_chunked(1 << 20):
-                    size += len(block)
-                    if session.size + size > LARGEST:
-                        raise PendubotError(f'{name}: all files exceed {LARGEST >> 30} GB; give parts of them')
                     file.write(block)
             partial.replace(place)
         finally:
             partial.unlink(missing_ok=True)
-        session.size += size
         session.recordings[recording] = recording
         return web.json_response({'name': recording})
 

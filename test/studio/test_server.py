@@ -192,27 +192,6 @@ def test_a_file_of_160_mb_is_received_and_a_window_of_it_is_identified(page, mot
     assert yaml.safe_load(page.output('result.yaml'))['parameters']['P4']['value'] == pytest.approx(PAPER.P4, rel=0.05)
 
 
-LIMITED = """
-import sys
-from pendubot_identification.cli.main import main
-from pendubot_identification.studio import server
-server.LARGEST = 1000
-sys.exit(main(['studio', '--no-browser']))
-"""
-
-
-def test_files_beyond_the_size_limit_are_refused(tmp_path):
-    (tmp_path / 'limited.py').write_text(LIMITED)
-    with Studio(program=(tmp_path / 'limited.py',), env={'TMPDIR': str(tmp_path)}) as studio:
-        page = studio.open()
-        assert page.give('a.csv', b'x' * 900)[0] == 200
-        status, message = page.give('b.csv', b'x' * 200)
-        assert status == 400
-        assert 'all files exceed' in message
-        (root,) = (each for each in tmp_path.iterdir() if each.is_dir())
-        assert [each.name for each in root.rglob('*') if each.is_file()] == ['a.csv']
-
-
 def test_on_a_full_disk_the_message_has_a_remedy_and_no_private_path(tmp_path):
     with Studio(env={'TMPDIR': str(tmp_path)}, before=('prlimit', '--fsize=300000')) as program:
         message = program.open().do('identify', 'paper_experiment', **QUICK)['problem']['sentence']
