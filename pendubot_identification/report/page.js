@@ -147,7 +147,7 @@
     return states;
   }
 
-  // Returns the measured motion of a plot, and its simulation from a chosen start, restarted after `every` steps.
+  // Returns the measured motion of a plot, and its simulation, restarted after `every` steps.
   function addSimulation(plot) {
     const { first, step, substeps, states, tau, scale, every } = plot.live, last = states[0].length - 1;
     const t = states[0].map((_, k) => first + k * step);
@@ -162,13 +162,13 @@
       return { simulated, dots, error: errors[j], far: 20 * (high - low) };
     });
     const measured = t.map((_, k) => states.map((state) => state[k]));
-    const live = { t, step, tau, measured, simulated: [], p: [...rig.vectors.identified], start: 0, every, fit: [] };
+    const live = { t, step, tau, measured, simulated: [], p: [...rig.vectors.identified], fit: [] };
     live.update = () => {
       for (const { lines } of plot.panels) for (const { label, y } of lines) if (label !== 'measured') y.fill(null);
       live.simulated = [];
       const squares = [0, 0, 0, 0];
-      for (let begin = live.start, steps; begin < last; begin += steps) {
-        steps = Math.min(live.every, last - begin);
+      for (let begin = 0; begin < last; begin += every) {
+        const steps = Math.min(every, last - begin);
         const shown = begin + steps < last ? steps - 2 : steps; // a gap before the next simulation
         simulate(live.p, measured[begin], tau, step, substeps, begin, steps).forEach((x, k) => {
           if (x.every(Number.isFinite)) live.simulated[begin + k] = x;
@@ -182,7 +182,7 @@
           });
         });
       }
-      live.fit = squares.map((sum, j) => 100 * (1 - Math.sqrt(sum / (last - live.start)) / scale[j]));
+      live.fit = squares.map((sum, j) => 100 * (1 - Math.sqrt(sum / last) / scale[j]));
     };
     live.update();
     return live;
@@ -224,21 +224,9 @@
     };
   }
 
-  function addPlayer(stage, live, chart, refresh) {
-    const find = (tag) => stage.querySelectorAll(`.player ${tag}`);
-    const [play, from] = find('button'), [speed, again] = find('select');
-    const [scrub] = find('input'), [clock] = find('output');
+  function addPlayer(player, live, chart) {
+    const [play, scrub, clock] = player.children;
     play.addEventListener('click', () => (before === null ? run() : stop()));
-    from.addEventListener('click', () => {
-      live.start = Math.min(Math.round((now - live.t[0]) / live.step), live.t.length - 2);
-      now = live.t[live.start];
-      refresh();
-    });
-    again.value = live.every * live.step;
-    again.addEventListener('change', () => {
-      live.every = Math.max(1, Math.round(again.value / live.step));
-      refresh();
-    });
     const first = live.t[0], last = live.t.at(-1), draw = poser(live);
     Object.assign(scrub, { min: first, max: last });
     let before = null, now = first;
@@ -255,13 +243,13 @@
     const stop = () => { before = null; play.textContent = '▶ play'; };
     const step = (time) => {
       if (before === null) return;
-      const t = now + (time - before) / 1000 * speed.value;
+      const t = now + (time - before) / 1000;
       before = time;
       show(Math.min(t, last));
       if (t >= last) stop(); else requestAnimationFrame(step);
     };
     const run = () => {
-      if (now >= last - 0.01) now = live.t[live.start];
+      if (now >= last - 0.01) now = first;
       play.textContent = '❚❚ stop';
       before = performance.now();
       requestAnimationFrame(step);
@@ -324,7 +312,7 @@
       });
       pose();
     };
-    pose = addPlayer(document.querySelector('.stage'), live, box.charts[0], refresh);
+    pose = addPlayer(document.querySelector('.player'), live, box.charts[0]);
     addSliders(document.querySelector('.controls'), live, refresh);
     window.pendubot = { live, simulate };
   }

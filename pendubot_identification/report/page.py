@@ -25,7 +25,7 @@ from pendubot_identification.files import OutputFolder
 from pendubot_identification.formats.code import javascript
 from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.results.provenance import command
-from pendubot_identification.results.result import Predicted, Result, result_text
+from pendubot_identification.results.result import Result, result_text
 from pendubot_identification.tracking.events import Event, State
 
 from . import plots, tables
@@ -42,19 +42,13 @@ def result_page(
     pictures: Iterable[Picture],
     beside: Beside | None = None,
     notes: Sequence[str] = (),
-    compared: Mapping[str, Predicted] | None = None,
     text: str = '',
 ) -> str:
     """Return the page of a result with its pictures, and another result ``beside`` it.
 
-    ``notes`` are the reasons for missing pictures, ``compared`` the predictions of both results by name, ``text`` the
-    content of the result file for download.
+    ``notes`` are the reasons for missing pictures, ``text`` is the content of the result file for download.
     """
     model = _rig(result, beside)
-    files = {
-        'parameters.csv': tables.numbers(result),
-        **({'result.yaml': text} if text else {}),
-    }
     return render(
         'page.html.jinja',
         pictures,
@@ -62,8 +56,7 @@ def result_page(
         tables=tables,
         beside=beside,
         notes=notes,
-        compared=compared or {},
-        downloads={name: Markup('data:text/plain,' + quote(content)) for name, content in files.items()},
+        download=text and Markup('data:text/plain,' + quote(text)),
         rig=model,
         acceleration=Markup(javascript(len(model['names']))),
         command=command(result),
@@ -146,9 +139,8 @@ def write_report(
             pictures += draw()
         except PendubotError as error:
             missing.append(f'{subject}; {error}')
-    compared = prepared.compared(beside) if prepared and beside else {}
     text = result_text(result)
-    page = result_page(result, pictures, beside, [*notes, *missing], compared, text)
+    page = result_page(result, pictures, beside, [*notes, *missing], text)
     named = [source.bag for source in result.bags] + ([f'{bags.absolute()}/-'] if bags else [])
     return _write(folder, {'result.yaml': text}, pictures if static else (), page, named)
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -26,16 +26,15 @@ from scipy.signal import correlate
 from scipy.stats import binned_statistic
 
 from pendubot_identification.arrays import Array
-from pendubot_identification.criteria.prediction_error import HORIZONS, LOST, STEP, Simulations, predict, state_scale
+from pendubot_identification.criteria.prediction_error import HORIZONS, LOST, STEP, Simulations, state_scale
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.identification.effects import DetectedEffect, catalogue, compensated
 from pendubot_identification.identification.estimate import linear
 from pendubot_identification.identification.fitting import with_fitted_noise
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
-from pendubot_identification.results.computation import predicted
 from pendubot_identification.results.provenance import hold, settings
-from pendubot_identification.results.result import PartialResult, Predicted, Result, theta_of
+from pendubot_identification.results.result import Result, theta_of
 from pendubot_identification.tracking.events import Change, Event, State
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.motion import Motion
@@ -69,9 +68,7 @@ SETTINGS = {
 @contextmanager
 def style(changes: Mapping[str, Any] | None = None) -> Iterator[None]:
     """Draw with these settings instead of the user's matplotlibrc; ``changes`` replace some of them."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update({**SETTINGS, **(changes or {})})
+    with matplotlib.style.context({**SETTINGS, **(changes or {})}, after_reset=True):
         yield
 
 
@@ -158,12 +155,6 @@ class Prepared:
     def theta(self) -> Array:
         """The selected parameters of the model, shape (D,)."""
         return self.result.theta.vector(self.result.model)
-
-    def compared(self, beside: tuple[PartialResult, str]) -> dict[str, Predicted]:
-        """Return the predictions by another result and by this one, of the validation data or else of all data."""
-        motions, delay = self.validating or self.estimating, self.result.effort.delay
-        vectors = {beside[1]: beside[0].theta.vector(), 'identified': self.theta}
-        return {title: predicted(predict(motions, theta, delay, self.scale)) for title, theta in vectors.items()}
 
     def pictures(self) -> Iterator[tuple[str, Callable[[], list[Picture]]]]:
         """Yield the subject of each picture of the recordings, and the function that draws it."""

@@ -206,24 +206,6 @@ def fits(predicted: Predicted, at: float = 0.5) -> tuple[float, dict[str, float 
     return predicted.horizons[k], {words: predicted.fit[state][k] for state, words in STATES.items()}
 
 
-def before_table(compared: Mapping[str, Predicted]) -> Table:
-    """Return a column for each of several predictions: fits, and errors over all states."""
-    horizon = fits(next(iter(compared.values())))[0]
-    found = [fits(predicted, horizon)[1] for predicted in compared.values()]
-    rows = [[f'{words}, fit in %', *(number(each[words], '.1f') for each in found)] for words in STATES.values()]
-    rows += _error_rows(next(iter(compared.values())).horizons, *(each.error for each in compared.values()))
-    return Table(['', *compared], rows, [f'fits after {horizon:g} s; errors in standard deviations of the states'])
-
-
-def numbers(result: Result) -> str:
-    """Return the parameters with all their digits as comma-separated values."""
-    lines = ['parameter,value,std_error,low,high,unit']
-    for name, entry in result.parameters.items():
-        known = ('' if x is None else repr(x) for x in (entry.value, entry.std_error, *entry.interval))
-        lines.append(','.join([name, *known, entry.unit]))
-    return '\n'.join([*lines, ''])
-
-
 def criterion_table(result: Result) -> Table:
     """Return a column for each criterion: J, input delay, condition number and level."""
     answers = result.criteria.values()

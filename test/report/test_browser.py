@@ -322,28 +322,11 @@ def test_sliders_leave_the_intervals_only_on_request_and_report_unphysical_param
     assert page.evaluate('pendubot.live.p[0]') == result.parameters['P1'].interval[0]
 
 
-def test_the_simulation_starts_at_a_chosen_time(opened):
-    page = opened()
-    first = page.evaluate('pendubot.live.t[0]')
-    page.locator('.player input').fill(str(first + 1.5))
-    page.get_by_role('button', name='start here').click()
-    starts = """() => document.querySelector('[data-plot=simulation]').charts[0].data
-      .at(-1).flatMap((y, k) => (y === null ? [] : [pendubot.live.t[k]]))"""
-    assert page.evaluate(starts)[0] == pytest.approx(first + 1.5, abs=0.006)
-    measured, simulated = page.evaluate(POSES)
-    assert simulated == pytest.approx(measured, abs=0.02), 'it starts at the measured state'
-    assert len(page.evaluate(starts)) > 2
-    page.get_by_label('duration of each simulation').select_option('to the end')
-    assert len(page.evaluate(starts)) == 1
-    page.locator('.player input').fill(str(first))
-    assert page.evaluate(POSES)[1] is None, 'no simulation before the start'
-
-
-def test_the_table_is_saved_and_the_command_copied(opened):
+def test_the_result_is_saved_and_the_command_copied(opened, real):
     page = opened(accept_downloads=True, permissions=['clipboard-read', 'clipboard-write'])
     with page.expect_download() as download:
-        page.get_by_role('link', name='parameters.csv').click()
-    assert download.value.path().read_text().startswith('parameter,value,std_error,low,high,unit\nP1,')
+        page.get_by_role('link', name='result.yaml').click()
+    assert download.value.path().read_bytes() == real.with_name('result.yaml').read_bytes()
     page.get_by_role('button', name='copy the command').click()
     page.get_by_role('button', name='copied').wait_for()
     assert page.evaluate('navigator.clipboard.readText()').startswith('pendubot identify swing@0:4')

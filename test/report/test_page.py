@@ -3,28 +3,22 @@
 
 """The page of a result: its numbers, downloads, command, and independence of other files."""
 
-import csv
 import html
-import io
 import re
 import shlex
 from html.parser import HTMLParser
-from urllib.parse import unquote
 
-import numpy as np
 import pytest
-import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.files import OutputFolder
 from pendubot_identification.report.page import result_page, write_report
-from pendubot_identification.report.tables import STATES
 from pendubot_identification.results import provenance
 from pendubot_identification.results.provenance import IN_MEMORY
-from pendubot_identification.results.result import PartialResult, Result, read_complete_result, result_text, structured
-from test.identified import identified, made, plain
+from pendubot_identification.results.result import read_complete_result
+from test.identified import made, plain
 from test.identified import result as typed
-from test.report.test_plots import every_picture, motion, pictures, swing
+from test.report.test_plots import every_picture, motion, pictures
 
 VOID = {'meta', 'link', 'img', 'input'}
 
@@ -133,26 +127,6 @@ def test_the_page_depends_on_no_other_file():
     assert 'Permission is hereby granted' in ' '.join(text.split()), "the library's licence"
 
 
-def files(page):
-    """Return the downloads of a page by name."""
-    offered = re.findall(r'<a download="([^"]+)" href="data:text/plain,([^"]*)"', page)
-    return {name: unquote(html.unescape(content)) for name, content in offered}
-
-
-def test_the_result_and_its_table_are_in_the_page():
-    """Result file and CSV have every digit."""
-    result = typed(plain())
-    found = files(result_page(result, [], text=result_text(result)))
-    assert structured(Result, yaml.safe_load(found['result.yaml']), 'test') == result
-    rows = list(csv.DictReader(io.StringIO(found['parameters.csv'])))
-    assert [row['parameter'] for row in rows] == list(result.parameters)
-    for row, entry in zip(rows, result.parameters.values(), strict=True):
-        numbers = [float(row[key] or 'nan') for key in ('value', 'std_error', 'low', 'high')]
-        expected = np.array([entry.value, entry.std_error, *entry.interval], dtype=float)
-        np.testing.assert_array_equal(numbers, expected)
-        assert row['unit'] == entry.unit
-
-
 @pytest.mark.parametrize(
     'options',
     [
@@ -176,11 +150,6 @@ def test_the_command_on_the_page_reproduces_the_result(options, tmp_path, monkey
     assert again.criteria == first.criteria
 
 
-def report(tmp_path, result, motions=None, reference=None):
-    with OutputFolder(tmp_path / 'look') as folder:
-        return write_report(folder, result, motions, beside=reference).read_text()
-
-
 def test_no_absolute_path_is_on_the_page(tmp_path):
     """This holds for sentences, plots, links, downloads and the command."""
     result = plain(('weak',))
@@ -189,24 +158,10 @@ def test_no_absolute_path_is_on_the_page(tmp_path):
     result['bags'][0]['bag'] = '/home/ann & co/swing@0:4'
     result['warnings'] = ['in /home/ann & co/swing@0:4 a link stands still']
     named = motion(name='/home/ann & co/swing@0:4'), motion(name='b')
-    text = report(tmp_path, typed(result), ([named[0]], [named[1]]))
+    with OutputFolder(tmp_path / 'look') as folder:
+        text = write_report(folder, typed(result), ([named[0]], [named[1]])).read_text()
     assert 'ann' not in text.replace('mann', '')
     assert text.count('swing@0:4') >= 4
-
-
-def test_a_reference_is_shown_with_its_prediction_errors_on_the_same_data(tmp_path):
-    found, result, bag = identified(('energy', 'weak')), made(('energy', 'weak')), swing()
-    other = result.criteria['energy']
-    page = Page(
-        report(tmp_path, result, ([bag[:400]], [bag[400:800]]), (PartialResult(parameters=other.parameters), 'by hand'))
-    )
-    rows = {row.split(',')[0].strip(): row.replace('−', '-').split() for row in page.rows if 'fit in %' in row}
-    assert list(rows) == list(STATES.values())
-    for state, words in STATES.items():
-        before, after = map(float, rows[words][-2:])
-        assert after == pytest.approx(found.best.prediction.fit[2][list(STATES).index(state)], abs=0.051)
-        assert before == pytest.approx(other.prediction.fit[state][2], abs=0.3), 'except for the delay, 10 us'
-    assert any(row.split() == ['by', 'hand', 'identified'] for row in page.rows)
 
 
 def test_warnings_are_at_the_top_of_the_page():
