@@ -54,13 +54,15 @@ def watched(browser):
     assert events == []
 
 
-def serious(page):
-    """Return the serious findings of axe-core: rules, elements and corrections."""
-    response = Axe().run(page).response
-    assert len(response['passes']) > 10
-    return [
-        (each['id'], node['target'], node['failureSummary'])
-        for each in response['violations']
-        if each['impact'] in ('serious', 'critical')
-        for node in each['nodes']
-    ]
+def accessible(page):
+    """Assert that axe-core has no serious findings in the light and the dark scheme."""
+    for scheme in ('light', 'dark'):
+        page.emulate_media(color_scheme=scheme)
+        response = Axe().run(page).response
+        assert len(response['passes']) > 10
+        assert [
+            (scheme, each['id'], node['target'], node['failureSummary'])
+            for each in response['violations']
+            if each['impact'] in ('serious', 'critical')
+            for node in each['nodes']
+        ] == []

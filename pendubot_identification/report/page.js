@@ -137,8 +137,8 @@
     const k1 = rate(x), k2 = rate(after(h / 2, k1)), k3 = rate(after(h / 2, k2)), k4 = rate(after(h, k3));
     return x.map((each, j) => each + h / 6 * (k1[j] + 2 * (k2[j] + k3[j]) + k4[j]));
   }
-  // Returns the states of all steps from x on; substeps resolve stiff friction.
-  function simulate(p, x, [tau1, tau2], h, substeps = 1, first = 0, steps = tau1.length) {
+  // Returns the states of some steps from x on; substeps resolve stiff friction.
+  function simulate(p, x, [tau1, tau2], h, substeps, first, steps) {
     const states = [x];
     for (let k = first; k < first + steps; k += 1) {
       for (let part = 0; part < substeps; part += 1) x = advance(p, x, tau1[k], tau2[k], h / substeps);
@@ -314,7 +314,7 @@
     };
     pose = addPlayer(document.querySelector('.player'), live, box.charts[0]);
     addSliders(document.querySelector('.controls'), live, refresh);
-    window.pendubot = { live, simulate };
+    window.pendubot = { live };
   }
   for (const each of document.querySelectorAll('[data-copy]')) {
     each.addEventListener('click', async () => {

@@ -86,16 +86,21 @@ def test_every_number_in_a_table_is_in_the_result_file(options):
         assert any(abs(float(number) - value) <= rounding + 1e-9 * abs(value) for value in known), number
 
 
-def test_every_picture_has_a_sentence_about_a_good_result():
-    text = result_page(typed(plain()), every_picture(), (typed(plain()), 'reference'))
-    shown = text.split('<figure')[1:]
+@pytest.fixture(scope='module')
+def complete():
+    """The page of a result with all pictures and a reference."""
+    return result_page(made(), every_picture(), (made(), 'reference'), text='schema: 1')
+
+
+def test_every_picture_has_a_sentence_about_a_good_result(complete):
+    shown = complete.split('<figure')[1:]
     assert len(shown) == len(every_picture()) == 6
     for figure in shown:
         (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
         assert re.search(r'\b[Gg]ood\b', good)
         assert '. ' not in good, 'one sentence'
-    assert 'Diamond: reference.' in text
-    assert 'one after the other' not in text, 'there is only one recording'
+    assert 'Diamond: reference.' in complete
+    assert 'one after the other' not in complete, 'there is only one recording'
 
 
 def test_captions_describe_the_drawn_data_and_names_of_the_user_are_escaped():
@@ -113,18 +118,17 @@ def test_captions_describe_the_drawn_data_and_names_of_the_user_are_escaped():
     assert 'on the training data' in text
 
 
-def test_the_page_depends_on_no_other_file():
-    text = result_page(typed(plain()), every_picture(), text='schema: 1')
-    page = Page(text)
+def test_the_page_depends_on_no_other_file(complete):
+    page = Page(complete)
     assert {link.partition(',')[0] for link in page.links if link[0] != '#'} == {
         'data:',
         'data:image/svg+xml',
         'data:text/plain',
     }
     assert not page.tags & {'iframe', 'object', 'form'}
-    assert text.count('<script') == 2
-    assert not any(word in text for word in (' src="http', '@import', 'url(http'))
-    assert 'Permission is hereby granted' in ' '.join(text.split()), "the library's licence"
+    assert complete.count('<script') == 2
+    assert not any(word in complete for word in (' src="http', '@import', 'url(http'))
+    assert 'Permission is hereby granted' in ' '.join(complete.split()), "the library's licence"
 
 
 @pytest.mark.parametrize(

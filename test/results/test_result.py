@@ -15,7 +15,7 @@ import yaml
 from pendubot_identification.errors import ResultError
 from pendubot_identification.identification.estimate import Zeros
 from pendubot_identification.identification.settings import CRITERIA, Settings
-from pendubot_identification.model.parameters import MODELS, NAMES, Bounds
+from pendubot_identification.model.parameters import NAMES, Bounds
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.results.computation import assemble_result
 from pendubot_identification.results.provenance import recordings, settings
@@ -43,13 +43,6 @@ def test_a_written_result_is_read_back(tmp_path):
     assert '&id' not in text, 'no aliases, for readability'
 
 
-@pytest.mark.parametrize('model', ['viscous', 'geared'])
-def test_the_selected_parameters_come_first(model):
-    data = plain(('energy',), model)
-    assert tuple(data['parameters']) == tuple(name for name in NAMES[: MODELS[model]] if name != 'k2')
-    assert list(data)[:3] == ['schema', 'parameters', 'level']
-
-
 def test_parameters_of_a_missing_elbow_motor_are_not_in_the_model(tmp_path):
     result = made(('weak',), 'geared')
     assert result.not_in_model == ['k2, because the effort of the elbow is always zero']
@@ -63,7 +56,7 @@ def test_parameters_of_a_missing_elbow_motor_are_not_in_the_model(tmp_path):
 
 
 def test_every_number_has_its_uncertainty():
-    best, data = identified(model='auto').best, plain(model='auto')
+    best, data = identified().best, plain()
     for k, entry in enumerate(data['parameters'].values()):
         assert (entry['value'], entry['std_error']) == (best.theta[k], best.std_error[k])
         assert entry['interval'] == tuple(best.intervals[k])

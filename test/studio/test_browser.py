@@ -14,7 +14,7 @@ import yaml
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.browser import NEEDS_BROWSER, launched, serious, watched
+from test.browser import NEEDS_BROWSER, accessible, launched, watched
 from test.conftest import ROOT
 from test.processes import Program
 from test.studio.client import Studio, csv
@@ -112,13 +112,6 @@ def test_a_german_csv_in_degrees_from_hanging_is_identified_by_mouse_alone(opene
         assert found[name]['value'] == pytest.approx(getattr(PAPER, name), rel=0.01)
     words = shlex.split(page.locator('.command code div').first.inner_text())
     assert {'--criterion=weak', '--decimal', '--degrees'} <= {*words}
-
-
-def accessible(page):
-    """Assert that axe-core has no serious findings in the light and the dark scheme."""
-    for scheme in ('light', 'dark'):
-        page.emulate_media(color_scheme=scheme)
-        assert serious(page) == [], scheme
 
 
 def sample(page):
