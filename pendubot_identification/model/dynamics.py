@@ -12,7 +12,7 @@ P4 P5 b1 b2, continued by Fc1 Fc2 J2 Fs1 Fs2 k1 k2: D = 7, 9, 10 or 14 parameter
 
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ from pendubot_identification.arrays import Array
 
 #: One value for each joint: shoulder, elbow.
 Pair = tuple[float, float]
+#: A float, an array, or an expression.
+Term = TypeVar('Term', bound=Any)
 
 #: Standard gravity [m/s^2]. The printed G of the paper lacks this factor, which P4 and P5 as defined require.
 GRAVITY = 9.81
@@ -31,12 +33,19 @@ STRIBECK_SPEED = 0.5
 
 
 def accelerations(
-    theta: Sequence[Any] | Array, q1: Any, q2: Any, v1: Any, v2: Any, tau1: Any, tau2: Any, lib: ModuleType = np
-) -> tuple[Any, Any]:
-    """Return q1'', q2'' [rad/s^2] by the equations of motion, with the closed-form inverse of M(q).
+    theta: Sequence[Term | float] | Array,
+    q1: Term,
+    q2: Term,
+    v1: Term,
+    v2: Term,
+    tau1: Term | float,
+    tau2: Term | float,
+    lib: ModuleType = np,
+) -> tuple[Term, Term]:
+    """Return q1'', q2'' [rad/s^2]: the equations of motion, with the inverse of M(q) written out.
 
-    ``theta`` is a sequence of D numbers or arrays; all arrays broadcast. With ``lib=math`` all values are floats,
-    which takes a tenth of the time of arrays of length one.
+    ``theta`` is a sequence of D numbers, arrays or expressions; arrays broadcast. ``lib`` has their functions: numpy,
+    math for floats, which takes a tenth of the time of arrays of length one, casadi, or jax.numpy.
     """
     P1, P2, P3, P4, P5 = theta[:5]
     c2, s2 = lib.cos(q2), lib.sin(q2)
