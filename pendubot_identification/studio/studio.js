@@ -270,8 +270,7 @@ const passed = () => Boolean(state.checks) && !state.checks.some(({ level, check
   check !== 'conventions');
 function checks() {
   if (!state.checks) need('check', state.files, (value, error) => {
-    state.checks = value?.findings ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }];
-    state.command = value?.command;
+    state.checks = value ?? [{ check: 'reading', level: 'ERROR', remedy: {}, ...error }];
   });
   const list = (state.checks ?? []).map(({ check, level, sentence, remedy }) => html`<li><span class="dot ${level}"
     role="img" aria-label="${MARKS[level][1]}">${MARKS[level][0]}</span><strong>${CHECKS[check]}</strong><div>
@@ -280,7 +279,6 @@ function checks() {
   return html`${heading('Is it good enough?', 'All checks before a fit.')}
     ${state.checks ? html`<ul class="checks">${list}</ul>`
       : busy('checking stamps, gaps, limits, conventions and excitation')}
-    ${state.checks && state.command && more('The same in a terminal', command(state.command))}
     ${actions(passed(), 'Continue', 'go:3', button('go:1', 'Correct the columns'))}`;
 }
 

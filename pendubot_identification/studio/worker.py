@@ -9,7 +9,6 @@ The last event has ``done``, or ``problem``: a sentence, and the options that co
 import json
 import os
 import resource
-import shlex
 import sys
 import tempfile
 import time
@@ -19,7 +18,6 @@ from typing import Any
 
 from pendubot_identification import api
 from pendubot_identification.errors import PendubotError, ResultError, sentence
-from pendubot_identification.setting import flag
 from pendubot_identification.trajectories.conventions import CONVERSION
 
 #: Smallest number of points of the preview of a longer motion.
@@ -47,15 +45,9 @@ def describe(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
     return shown
 
 
-def check(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
-    """Return the findings of the checks, and the command that repeats them."""
-    found = api.check(*job['bags'], validate=job['validate'], **_options(job))
-    words = ['pendubot', 'identify', '--check', *job['bags']]
-    words += ['--validate', *job['validate']] if job['validate'] else []
-    for name, value in job['options'].items():
-        each = value.split(',') if name == 'bounds' else [value]
-        words += [flag(name) + ('' if text == 'true' else f'={text}') for text in each]
-    return {'findings': [finding.plain() for finding in found], 'command': shlex.join(words)}
+def check(job: Mapping[str, Any], emit: Emit) -> list[dict[str, Any]]:
+    """Return the findings of the checks."""
+    return [each.plain() for each in api.check(*job['bags'], validate=job['validate'], **_options(job))]
 
 
 def identify(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
