@@ -9,6 +9,7 @@ A session is a private folder for the files that a page receives; it is deleted 
 import asyncio
 import json
 import os
+import re
 import secrets
 import shutil
 import signal
@@ -35,8 +36,8 @@ ROOMS = Path(__file__).parent.parent
 #: The files of the page by address; base.css also gives the report's pages their colours and controls.
 PAGE = {name: ROOMS / 'studio' / (name or 'studio.html') for name in ('', 'studio.css', 'studio.js')}
 PAGE |= {'base.css': ROOMS / 'report' / 'base.css'}
-#: Longest name of a file [characters].
-LONGEST_NAME = 200
+#: The name of a received file, which may be in a bag's folder: not hidden, no option, no path.
+NAME = re.compile(r'[^/\\.-][^/\\]{0,198}(/[^/\\.-][^/\\]{0,198})?')
 #: Longest line of a task [bytes].
 LINE = 1 << 24
 BOUNDS = Setting('bounds', '', 'search intervals, such as P1=0:0.5, or fixed values, such as b2=0', optional=True)
@@ -66,14 +67,8 @@ class Session:
     recordings: dict[str, str]
 
     def place(self, name: str) -> Path:
-        """Return the path for a received file, which may be in a bag's folder.
-
-        Raises:
-            PendubotError: the name is invalid.
-        """
-        parts = name.split('/')
-        sound = all(p.isprintable() and 0 < len(p) < LONGEST_NAME and p[0] not in '.-' and '\\' not in p for p in parts)
-        if not sound or len(parts) > 2:
+        """Return the path for a received file. Raises PendubotError: the name is invalid."""
+        if not NAME.fullmatch(name) or not name.isprintable():
             raise PendubotError(f'{name!r} is no name of a recording; rename the file without a leading dot or hyphen')
         return self.folder / 'files' / name
 

@@ -172,14 +172,12 @@ def test_an_invalid_file_gives_the_same_message_as_in_the_shell(page, tmp_path, 
     assert checked['sentence'] == described['sentence']
 
 
-def test_a_file_of_160_mb_is_received_and_a_window_of_it_is_identified(page, motion):
-    """A long recording at 100 Hz with a long remark in every row."""
+def test_a_long_recording_is_received_and_a_window_of_it_is_identified(page, motion):
     t = np.arange(0, 700, 0.01)
     q, tau = (np.column_stack([np.interp(t % 18, motion.t, x) for x in values.T]) for values in (motion.q, motion.tau))
-    remark = 'x' * 2280
-    rows = [f'{a:.3f},{b:.7f},{c:.7f},{d:.5f},{remark}' for a, (b, c), d in zip(t, q, tau[:, 0], strict=True)]
-    content = '\n'.join(['t,q1,q2,tau1,remark', *rows]).encode()
-    assert len(content) > 160e6
+    rows = [f'{a:.3f},{b:.7f},{c:.7f},{d:.5f}' for a, (b, c), d in zip(t, q, tau[:, 0], strict=True)]
+    content = '\n'.join(['t,q1,q2,tau1', *rows]).encode()
+    assert len(content) > 2 << 20, 'the server keeps a smaller request in memory'
     assert page.give('day.csv', content)[0] == 200
     found = page.do('describe', 'day.csv')['done']
     assert 'take windows of it' in found['problem']['sentence']
