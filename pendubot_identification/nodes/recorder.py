@@ -14,7 +14,9 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosbags.interfaces import Qos
 
 from pendubot_identification.errors import BagError, ParameterError
 from pendubot_identification.level import Level
@@ -24,7 +26,7 @@ from pendubot_identification.setting import Setting
 
 from .messages import Status
 from .runtime import AUTOSTART, ManagedNode, run
-from .topics import DEPTH, Fetcher, message_class, recorded, weakest
+from .topics import DEPTH, message_class, received, recorded, subscribe, weakest
 
 DISCOVERY_PERIOD = 0.1  #: Period of the search for new publishers [s].
 FETCH_PERIOD = 0.01  #: Period of fetching messages from the middleware [s].
@@ -35,11 +37,13 @@ PATIENCE = 5.0  #: Time after which a warning lists the topics without a publish
 
 @dataclass
 class Topic:
-    """A topic to record: its channel in the bag, its statistics, and the cause of missing messages."""
+    """A topic to record: its subscription and channel, from its first publisher on, and why messages are missing."""
 
-    channel: int = -1  #: Negative before the first publisher.
-    type_name: str = ''  #: Its type; empty before the first publisher.
+    name: str
     flow: Flow = field(default_factory=Flow)
+    subscription: Subscription | None = None
+    channel: int = -1
+    type_name: str = ''
     publishers: int = 1
     latest_ns: int = 0  #: The latest log time.
     trouble: str = ''
@@ -67,9 +71,9 @@ class Recorder(ManagedNode):
     )
 
     def _open(self, s: dict[str, Any]) -> None:
-        self._topics = {name: Topic() for name in self._resolved(s['topics'])}
+        self._topics = [Topic(name) for name in self._resolved(s['topics'])]
         self._max_messages: int = s['max_messages']
-        self._fetcher = Fetcher(self, self._take)
+        self._fetching = threading.Lock()
         self._ending = threading.Event()
         self._failure: BagError | None = None
         path = Path(s['output'] or f'pendubot_{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}')
@@ -79,7 +83,7 @@ class Recorder(ManagedNode):
         self._missing_since = self._diagnosed = time.monotonic()
         self._status = Status(self, self._diagnosis)
         self.create_timer(DISCOVERY_PERIOD, partial(self._guarded, self._discover))
-        self.create_timer(FETCH_PERIOD, self._fetcher.fetch)
+        self.create_timer(FETCH_PERIOD, self._fetch)
         self.create_timer(FLUSH_PERIOD, partial(self._guarded, self._bag.flush))
         threading.Thread(target=self._keep_synced, args=(self._ending,), name='sync', daemon=True).start()
 
@@ -88,19 +92,19 @@ class Recorder(ManagedNode):
 
     def _deactivate(self) -> None:
         """Write all received messages, then pause; the next activation continues the same bag."""
-        self._fetcher.fetch_all()
+        self._fetch()
 
     def _close(self) -> None:
         """Close the bag and report its messages; raise BagError if the system refused to write."""
-        self._fetcher.fetch_all()
+        self._fetch()
         self._ending.set()
         try:
             self._bag.close()
         except BagError as error:
             self._failure = self._failure or error
-        for name, topic in self._topics.items():
+        for topic in self._topics:
             lost = f', {topic.flow.lost} lost' * (topic.flow.lost > 0)
-            self.get_logger().info(f'{name}: {topic.flow.count} messages{lost}')
+            self.get_logger().info(f'{topic.name}: {topic.flow.count} messages{lost}')
         if self._failure is not None:
             self._status.publish(Level.ERROR, str(self._failure), {})
             # Otherwise the program ends before a subscriber receives the status.
@@ -125,43 +129,55 @@ class Recorder(ManagedNode):
         return list(dict.fromkeys(self.resolved(topics)))
 
     def _discover(self) -> None:
-        for name, topic in self._topics.items():
-            publishers = self.get_publishers_info_by_topic(name)
-            # With its recorded type, because a restarted publisher may have another one.
-            types = sorted({publisher.topic_type for publisher in publishers} | {topic.type_name} - {''})
-            trouble = ''
-            if len(types) > 1:
-                trouble = f'{name} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
-                # A channel has one type; a wrong publisher must not end a running recording.
-                if not topic.flow.count:
-                    raise BagError(trouble)
-            elif publishers:
-                trouble = self._follow(name, types[0], publishers)
+        for topic in self._topics:
+            trouble = self._follow(topic, self.get_publishers_info_by_topic(topic.name))
             if trouble and trouble != topic.trouble:
                 self.get_logger().error(trouble)
             topic.trouble = trouble
-        missing = [name for name, topic in self._topics.items() if topic.channel < 0]
+        missing = [topic.name for topic in self._topics if topic.subscription is None]
         if missing and time.monotonic() - self._missing_since > PATIENCE:
             self._missing_since = float('inf')
             self.get_logger().warning(f'nobody publishes {", ".join(missing)} yet; still waiting')
 
-    def _follow(self, name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> str:
-        """Subscribe, again if no publisher is compatible; return a sentence on incompatible publishers, else ''."""
-        topic, subscription = self._topics[name], self._fetcher.subscriptions.get(name)
+    def _follow(self, topic: Topic, publishers: list[TopicEndpointInfo]) -> str:
+        """Subscribe, again if no publisher is compatible; return a sentence if not all are recorded, else ''."""
+        # With its recorded type, because a restarted publisher may have another one.
+        types = sorted({publisher.topic_type for publisher in publishers} | {topic.type_name} - {''})
+        if len(types) > 1:
+            trouble = f'{topic.name} is published as {" and as ".join(types)}; stop the publisher of the wrong type'
+            # A channel has one type; a wrong publisher must not end a running recording.
+            if not topic.flow.count:
+                raise BagError(trouble)
+            return trouble
+        if not publishers:
+            return ''
+        subscription = topic.subscription
         if subscription is None or not _compatible(publishers, subscription.qos_profile):
-            offered = [recorded(publisher.qos_profile) for publisher in publishers]
-            message_type = message_class(name, type_name)
-            if topic.channel < 0:
-                topic.channel, topic.type_name = self._bag.add_topic(name, type_name, *offered), type_name
-            subscription = self._fetcher.subscribe(name, message_type, weakest(offered, DEPTH))
-            self.get_logger().info(f'recording {name} [{type_name}]')
+            subscription = self._subscribe(topic, types[0], [recorded(each.qos_profile) for each in publishers])
         # Distinguishes a lost message from another publisher's first message.
         topic.publishers = len(publishers)
         missed = len(publishers) - _compatible(publishers, subscription.qos_profile)
-        return f'{name}: {missed} of {len(publishers)} publishers offer less and are not recorded' if missed else ''
+        return f'{topic.name}: {missed} of {len(publishers)} publishers offer less and are not recorded' * (missed > 0)
 
-    def _take(self, name: str, data: bytes, info: dict[str, Any]) -> None:
-        topic = self._topics[name]
+    def _subscribe(self, topic: Topic, type_name: str, offered: list[Qos]) -> Subscription:
+        message_type = message_class(topic.name, type_name)
+        self._fetch()
+        with self._fetching:
+            if topic.subscription is None:
+                topic.channel, topic.type_name = self._bag.add_topic(topic.name, type_name, *offered), type_name
+            else:
+                self.destroy_subscription(topic.subscription)
+            topic.subscription = subscribe(self, topic.name, message_type, weakest(offered, DEPTH))
+        self.get_logger().info(f'recording {topic.name} [{type_name}]')
+        return topic.subscription
+
+    def _fetch(self) -> None:
+        with self._fetching:  # also by the main thread, at the end of the program
+            for topic in self._topics:
+                for data, info in received(topic.subscription) if topic.subscription is not None else ():
+                    self._write(topic, data, info)
+
+    def _write(self, topic: Topic, data: bytes, info: dict[str, Any]) -> None:
         if not self.active:
             topic.flow.pause()
             return
@@ -173,7 +189,7 @@ class Recorder(ManagedNode):
         if self._guarded(lambda: self._bag.write(topic.channel, data, topic.latest_ns, published_ns, number)):
             lag_ns = time.time_ns() - published_ns
             topic.flow.add(info['publication_sequence_number'], lag_ns, topic.publishers)
-        if 0 < self._max_messages <= next(iter(self._topics.values())).flow.count:
+        if 0 < self._max_messages <= self._topics[0].flow.count:
             self._ending.set()
             self.end(self.exit_status)
 
@@ -184,8 +200,8 @@ class Recorder(ManagedNode):
     def _diagnosis(self) -> tuple[Level, str, dict[str, Any]]:
         now = time.monotonic()
         elapsed, self._diagnosed = max(now - self._diagnosed, 1e-3), now
-        flows = {name: topic.flow for name, topic in self._topics.items()}
-        troubles = tuple(topic.trouble for topic in self._topics.values() if topic.trouble)
+        flows = {topic.name: topic.flow for topic in self._topics}
+        troubles = tuple(topic.trouble for topic in self._topics if topic.trouble)
         diagnosis = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
         return diagnosis.level, diagnosis.message, {'bag': self._bag.path} | diagnosis.values
 

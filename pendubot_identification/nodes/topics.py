@@ -1,10 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Topics of any type: names, message classes, quality of service, and batches of messages as bytes."""
+"""Topics of any type: message classes, quality of service, and messages as bytes."""
 
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -17,7 +16,6 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 
 from pendubot_identification.errors import BagError
 
-BATCH = 500  #: Largest number of messages of one topic that are fetched in a row.
 DEPTH = 10_000  #: Queue length of a topic: ten seconds at 1 kHz.
 
 
@@ -64,7 +62,7 @@ def weakest(profiles: Sequence[Qos], depth: int) -> QoSProfile:
     )
 
 
-class Fetched(ReentrantCallbackGroup):
+class Unserved(ReentrantCallbackGroup):
     """The callback group of subscriptions that no executor serves."""
 
     def can_execute(self, _: Any) -> bool:
@@ -72,48 +70,19 @@ class Fetched(ReentrantCallbackGroup):
         return False
 
 
-class Fetcher:
-    """Subscriptions that no executor serves: their owner fetches the received messages in batches, from any thread.
+def subscribe(node: Node, name: str, message_type: type, qos: QoSProfile | int) -> Subscription:
+    """Subscribe to a topic without an executor: the caller takes its messages by :func:`received`.
 
-    An executor needs five times the processor time to wake up for a message as to fetch it, a thousand times a second.
-    The middleware records the arrival of every message, so the delay is harmless. ``take`` is called with each
-    message's topic, bytes and middleware information.
+    An executor needs five times the processor time to wake up for a message as to take it, a thousand times a second.
+    The middleware records the arrival of every message, so the delay is harmless.
     """
+    return node.create_subscription(message_type, name, lambda _: None, qos, callback_group=Unserved(), raw=True)
 
-    def __init__(self, node: Node, take: Callable[[str, bytes, dict[str, Any]], None]) -> None:
-        self._node = node
-        self._take = take
-        self._group = Fetched()
-        self._lock = threading.RLock()
-        self.subscriptions: dict[str, Subscription] = {}
 
-    def subscribe(self, name: str, message_type: type, qos: QoSProfile | int) -> Subscription:
-        """Subscribe to a topic, or replace its subscription after fetching the received messages."""
-        with self._lock:
-            if name in self.subscriptions:
-                self.fetch_all()
-                self._node.destroy_subscription(self.subscriptions.pop(name))
-            self.subscriptions[name] = self._node.create_subscription(
-                message_type, name, lambda _: None, qos, callback_group=self._group, raw=True
-            )
-            return self.subscriptions[name]
-
-    def fetch(self) -> bool:
-        """Fetch received messages, at most one batch per topic; return whether more may be waiting."""
-        with self._lock:
-            counts = [self._fetch_some(name, source) for name, source in self.subscriptions.items()]
-            return BATCH in counts
-
-    def fetch_all(self) -> None:
-        """Fetch all waiting messages, with a bound for publishers that are faster than the fetching."""
-        for _ in range(DEPTH // BATCH):
-            if not self.fetch():
+def received(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """Yield the waiting messages as bytes, with information of the middleware; at most a full queue."""
+    with subscription.handle:
+        for _ in range(DEPTH):
+            if (message := subscription.handle.take_message(subscription.msg_type, True)) is None:
                 return
-
-    def _fetch_some(self, name: str, source: Subscription) -> int:
-        with source.handle:
-            for k in range(BATCH):
-                if (message := source.handle.take_message(source.msg_type, True)) is None:
-                    return k
-                self._take(name, *message)
-        return BATCH
+            yield message

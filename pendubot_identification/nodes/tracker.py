@@ -26,7 +26,7 @@ from pendubot_identification.tracking.events import Disturbance, Event, Lost, St
 from .messages import Identification, Status, flat, parameter_values
 from .ownership import name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
-from .topics import DEPTH, Fetcher
+from .topics import DEPTH, received, subscribe
 
 #: Period of fetching and processing messages [s].
 PERIOD = 0.1
@@ -55,9 +55,7 @@ class Tracker(ManagedNode):
         self._tracker = tracking.Tracker(start_of(Path(s['start'])) if s['start'] else start_of(None, s['model']))
         self._identification = Identification(self)
         self._decode = JointDecoder(s['joint_names'], self.resolve_topic_name('joint_states'))
-        self._waiting: list[bytes] = []
-        self._fetcher = Fetcher(self, lambda _, data, info: self._waiting.append(data))
-        self._joint_states = self._fetcher.subscribe('joint_states', JointState, DEPTH)
+        self._joint_states = subscribe(self, 'joint_states', JointState, DEPTH)
         self._rivals = self._unreadable = ''  # sentences on several publishers, and on messages that are not decoded
         self._first_ns: int | None = None
         self._taken = self._disturbances = 0
@@ -99,32 +97,30 @@ class Tracker(ManagedNode):
                     self._restart = False
                     self._tracker.reset()
                     self._published = None
-                self._fetcher.fetch_all()
-                self._refuse_second_rig()
+                messages = self._take()
                 if not self.active:
-                    self._waiting.clear()
                     continue
-                self._estimate()
+                if messages:
+                    self._estimate(messages)
                 if not self._held:
                     self._publish()
             except Exception as error:  # no other thread would report it
                 self.get_logger().error(explained(error), throttle_duration_sec=10.0)
 
-    def _refuse_second_rig(self) -> None:
-        """Drop samples of several publishers, whose origin is unknown, and restart the tracking."""
+    def _take(self) -> list[bytes]:
+        """Return the received messages; of several publishers none, and the tracking restarts: their rig is unknown."""
+        messages = [data for data, _ in received(self._joint_states)]
         before, self._rivals = self._rivals, name_rivals(self, self._joint_states, wait=True)
         if self._rivals and not before:
             self.get_logger().error(self._rivals)
         if self._rivals or before:
-            self._waiting.clear()
             self._restart = True
+            return []
+        return messages
 
-    def _estimate(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        if not waiting:
-            return
+    def _estimate(self, messages: list[bytes]) -> None:
         try:
-            stamps, values = self._decode(Messages.of(waiting))
+            stamps, values = self._decode(Messages.of(messages))
         except BagError as error:
             self._unreadable = str(error)
             self.get_logger().error(self._unreadable, throttle_duration_sec=10.0)
