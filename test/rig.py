@@ -111,6 +111,18 @@ class Rig(Observer):
             self._rows = np.concatenate([self._rows, np.array(rows, dtype=np.int64)])
         return self._rows
 
+    def renew(self):
+        """Disarm; trace, samples and diagnoses begin here, and no program publishes effort commands."""
+        if 'effort_publisher' in vars(self):
+            self.node.destroy_publisher(vars(self).pop('effort_publisher'))
+        assert self.call('disarm').success
+        self.until(lambda: not self.node.count_publishers('/pendubot/effort_command'))
+        self.until(lambda: not self.trace()[-1, 3:].any())
+        self._rows = self._rows[-1:]
+        self.samples.clear()
+        self.diagnoses.clear()
+        self.until(lambda: self.samples and not self.samples[-1][6])
+
     def values(self):
         """Return the values of the bridge's last diagnosis by name."""
         return values(self.diagnoses[-1])

@@ -64,6 +64,15 @@ def descriptor(setting: Setting) -> ParameterDescriptor:
     return result
 
 
+@contextmanager
+def _refusing(remedy: str) -> Iterator[None]:
+    """Convert an error of ROS within the context to a ParameterError that ends with a remedy."""
+    try:
+        yield
+    except rclpy_implementation.RCLError as error:
+        raise ParameterError(f'{str(error).split(", at ")[0]}; {remedy}') from error
+
+
 def _as_number(parameter: Parameter, setting: Setting | None) -> Parameter:
     """Return a parameter converted to float, if its setting is a float and the value is an integer or a text.
 
@@ -91,14 +100,11 @@ class SettingsNode(Node):
 
     def __init__(self, ended: Shutdown) -> None:
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), _refusing('a namespace such as /lab1, without / at its end, is expected'):
                 warnings.simplefilter('ignore')  # rclpy also warns of its incomplete node
                 super().__init__(self.PROGRAM)
         except ParameterException as error:  # of ROS's own parameters, such as use_sim_time
             raise ParameterError(str(error)) from error
-        except rclpy_implementation.RCLError as error:
-            reason = str(error).split(', at ')[0]
-            raise ParameterError(f'{reason}; a namespace such as /lab1, without / at its end, is expected') from error
         self.exit_status = 0
         self.ended = ended
 
@@ -218,11 +224,8 @@ class SettingsNode(Node):
 
     def resolved(self, topics: Sequence[str], *, only_expand: bool = False) -> list[str]:
         """Return full names of topics, remapped unless ``only_expand``; refuse invalid names."""
-        try:
+        with _refusing('name topics such as joint_states'):
             return [self.resolve_topic_name(topic, only_expand=only_expand) for topic in topics]
-        except rclpy_implementation.RCLError as error:
-            reason = str(error).split(', at ')[0]
-            raise ParameterError(f'topics: {reason}; a name such as joint_states is expected') from error
 
     def _refuse_invalid(self, values: dict[str, Any]) -> None:
         for setting in self.SETTINGS:
@@ -355,18 +358,17 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
             response.success = False
             return response
 
-    def _entities(self) -> dict[str, set[Any]]:
+    def _entities(self) -> set[tuple[str, Any]]:
         kinds = 'publisher', 'subscription', 'service', 'client', 'timer'
-        return {kind: set(getattr(self, f'{kind}s')) for kind in kinds}
+        return {(kind, entity) for kind in kinds for entity in getattr(self, f'{kind}s')}
 
     def _destroy_entities(self) -> None:
         """Destroy the entities that were created since the construction."""
         for waitable in list(self.waitables):
             if isinstance(waitable, ActionServer):
                 waitable.destroy()
-        for kind, entities in self._entities().items():
-            for entity in entities - self._permanent[kind]:
-                getattr(self, f'destroy_{kind}')(entity)
+        for kind, entity in self._entities() - self._permanent:
+            getattr(self, f'destroy_{kind}')(entity)
 
 
 def help_text(node_class: type[SettingsNode]) -> str:
@@ -410,11 +412,9 @@ def run(node_class: type[SettingsNode]) -> int:
         print(f'{node_class.PROGRAM}: {wrong}; see --help', file=sys.stderr)
         return 2
     ended = Shutdown()
+    at_signal(ended.set)
     try:
-        start_ros()
-        at_signal(ended.set)
-        node = node_class(ended)
-        with running(node):
+        with running(node_class, ended) as node:
             ended.wait()
             node.stop()
         return node.exit_status
@@ -422,26 +422,16 @@ def run(node_class: type[SettingsNode]) -> int:
         print(f'{node_class.PROGRAM}: {explained(error)}', file=sys.stderr)
         return 1
     finally:
-        rclpy.try_shutdown()
         ignore_signals()
 
 
-def start_ros() -> None:
-    """Start ROS without its signal handlers; raise ParameterError if it refuses its arguments or environment."""
-    try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except rclpy_implementation.RCLError as error:
-        reason = str(error).split(', at ')[0]
-        raise ParameterError(f'{reason}; correct the arguments or the environment variables of ROS') from error
-
-
 @contextmanager
-def running(node: SettingsNode) -> Iterator[None]:
-    """Open a node and spin it in a separate thread, so that the caller's thread handles signals at once.
+def running(node_class: type[SettingsNode], ended: Shutdown) -> Iterator[SettingsNode]:
+    """Start ROS without its signal handlers, and open a node.
 
-    A failure in a callback ends the program and is raised at the end.
+    It spins in a separate thread, so that the caller's thread handles signals at once. A failure in a callback ends the
+    program and is raised at the end.
     """
-    executor = SingleThreadedExecutor()
     failures: list[BaseException] = []
 
     def spin() -> None:
@@ -450,22 +440,29 @@ def running(node: SettingsNode) -> Iterator[None]:
         except ExternalShutdownException:
             pass
         except BaseException as error:
-            failures.append(error)
+            if not ended.is_set():  # not a callback that the shutdown interrupts
+                failures.append(error)
         finally:
-            node.ended.set()
+            ended.set()
 
     thread = threading.Thread(target=spin, daemon=True)
     try:
-        node.declare()
-        node.start()
-        executor.add_node(node)
-        thread.start()
-        yield
+        with _refusing('correct the arguments or the environment variables of ROS'):
+            rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        node, executor = node_class(ended), SingleThreadedExecutor()
+        try:
+            node.declare()
+            node.start()
+            executor.add_node(node)
+            thread.start()
+            yield node
+        finally:
+            executor.shutdown(timeout_sec=2.0)
+            if thread.is_alive():
+                thread.join(2.0)
+            # Also after invalid parameters, because other programs would otherwise still discover its services.
+            node.destroy_node()
     finally:
-        executor.shutdown(timeout_sec=2.0)
-        if thread.is_alive():
-            thread.join(2.0)
-        # Also after invalid parameters, because other programs would otherwise still discover its services.
-        node.destroy_node()
+        rclpy.try_shutdown()
     if failures:
         raise failures[0]

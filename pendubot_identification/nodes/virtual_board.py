@@ -10,8 +10,8 @@ import secrets
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -138,12 +138,9 @@ def _report(event: str) -> None:
     print(f'{event} at {time.time_ns()} ns', flush=True)
 
 
-@contextmanager
-def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
-    """Run a ROS node with the board's payload as its parameter."""
-    import rclpy
-
-    from .runtime import SettingsNode, running, start_ros
+def _node(board: VirtualBoard, ended: Shutdown) -> AbstractContextManager[Any]:
+    """Return the context of a running ROS node with the board's payload as its parameter."""
+    from .runtime import SettingsNode, running
 
     class BoardNode(SettingsNode):
         PROGRAM, SETTINGS = 'virtual_board', (PAYLOAD,)
@@ -155,12 +152,7 @@ def _node(board: VirtualBoard, ended: Shutdown) -> Iterator[None]:
             board.carry(s['payload'])
             self.get_logger().info(f'link 2 carries {s["payload"]:g} kg')
 
-    start_ros()
-    try:
-        with running(BoardNode(ended)):
-            yield
-    finally:
-        rclpy.try_shutdown()
+    return running(BoardNode, ended)
 
 
 def main() -> int:

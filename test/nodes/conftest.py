@@ -10,6 +10,7 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.results.result import SCHEMA
+from test.rig import Rig
 
 #: Options of a fast identification.
 FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
@@ -37,6 +38,22 @@ def stranger(ros):
     node = ros.create_node('stranger', namespace='elsewhere')
     yield node
     node.destroy_node()
+
+
+@pytest.fixture(scope='module')
+def running_rig(ros, tmp_path_factory):
+    """A rig with timeouts too long to disarm during a test."""
+    with Rig(tmp_path_factory.mktemp('rig'), 100) as rig:
+        rig.start_board()
+        rig.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0', 'command_timeout:=1.0')
+        yield rig
+
+
+@pytest.fixture
+def shared_rig(running_rig):
+    """The rig of a module, disarmed; its trace begins here."""
+    running_rig.renew()
+    return running_rig
 
 
 @pytest.fixture(scope='module')

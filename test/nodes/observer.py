@@ -54,7 +54,7 @@ class Observer:
     def set(self, node, **given):
         """Set parameters of a node; return the first refusal, or the last result."""
         messages = [Parameter(name, value=value).to_parameter_msg() for name, value in given.items()]
-        results = self.call(SetParameters, f'{node}/set_parameters', parameters=messages).results
+        results = Observer.call(self, SetParameters, f'{node}/set_parameters', parameters=messages).results
         return next((result for result in results if not result.successful), results[-1])
 
     def __enter__(self):

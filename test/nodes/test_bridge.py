@@ -6,16 +6,10 @@
 import signal
 
 import pytest
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 
-from pendubot_identification.nodes.bridge import Bridge
-from pendubot_identification.nodes.runtime import running
-from pendubot_identification.nodes.shutdown import Shutdown
-from test.processes import Program, spin_until
-from test.rig import ARMED, PATIENT, WATCHDOG
+from test.nodes.observer import Observer
+from test.processes import Program
+from test.rig import ARMED, WATCHDOG
 
 pytestmark = pytest.mark.ros
 
@@ -46,31 +40,6 @@ def test_samples_have_the_current_and_a_signal_disarms_the_bridge_for_good(rig, 
     assert 'Traceback' not in bridge.output
 
 
-def test_the_torque_limit_may_be_lowered_while_it_runs_and_raised_only_while_disarmed(rig):
-    r = rig()
-    r.start_board()
-    r.start_bridge(*PATIENT, 'torque_limit:=0.5')
-    r.until_samples()
-    client = AsyncParameterClient(r.node, '/bridge')
-    assert client.wait_for_services(20.0)
-
-    def limited(value):
-        future = client.set_parameters([Parameter('torque_limit', value=value)])
-        r.drive_until(1.0, future.done)
-        return future.result().results[0]
-
-    assert r.call('arm').success
-    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.5)
-    assert limited(0.2).successful
-    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.2)
-    assert 'is not raised while the motor is armed; call ~/disarm first' in limited(0.3).reason
-    assert r.call('disarm').success
-    assert limited(0.3).successful
-    assert r.call('arm').success
-    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.3)
-    assert set(r.trace()[:, 3]) == {0, 200_000, 300_000, 500_000}
-
-
 #: A bridge in which a method fails as soon as the motor is armed.
 BROKEN = """
 import sys
@@ -91,21 +60,21 @@ sys.exit(bridge.main())
 """
 
 
-@pytest.mark.parametrize('place', ['Host.poll', 'Health.diagnose'])
-def test_an_unexpected_exception_disarms_and_ends_the_bridge_with_status_1(rig, tmp_path, place):
+def test_an_unexpected_exception_disarms_and_ends_the_bridge_with_status_1(rig, tmp_path):
     r = rig()
     r.start_board()
     program = tmp_path / 'broken_bridge.py'
-    program.write_text(BROKEN.format(place=place, port=r.port))
-    bridge = Program(program)
-    r.programs.append(bridge)
-    r.until_samples()
     client = r.node.create_client(r.trigger, '/bridge/arm')
-    assert client.wait_for_service(10)
-    r.until(lambda: client.call_async(r.trigger.Request()) and bridge.process.poll() is not None)
-    assert bridge.process.returncode == 1
-    bridge.wait_for('AttributeError: this is broken; run again with --debug to see where')
-    r.until(lambda: (r.trace()[:, 4] & ARMED).any() and not r.trace()[-1, 4] & ARMED)
+    for place in ('Host.poll', 'Health.diagnose'):
+        program.write_text(BROKEN.format(place=place, port=r.port))
+        r.programs.append(bridge := Program(program))
+        begun = len(r.trace())
+        r.until_samples()
+        assert client.wait_for_service(10)
+        r.until(lambda bridge=bridge: client.call_async(r.trigger.Request()) and bridge.process.poll() is not None)
+        assert bridge.process.returncode == 1
+        bridge.wait_for('AttributeError: this is broken; run again with --debug to see where')
+        r.until(lambda begun=begun: (r.trace()[begun:, 4] & ARMED).any() and not r.trace()[-1, 4] & ARMED)
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'disarmed by the watchdog instead of by command'
 
 
@@ -128,17 +97,25 @@ def test_the_bridge_waits_for_a_missing_port_and_diagnostics_contain_every_count
     assert values['link'] == 'up'
 
 
-def test_setting_the_computers_clock_is_reported_once_and_stays_in_the_diagnosis(ros, capfd):
-    bridge, node = Bridge(Shutdown()), rclpy.create_node('clock_listener')
-    texts = []
-    node.create_subscription(DiagnosticArray, '/diagnostics', lambda array: texts.append(array.status[0].message), 10)
-    with running(bridge):
-        # As if the computer had started a day ago with an unset clock.
-        bridge._epoch_ns -= 86_400 * 10**9
-        assert spin_until(node, lambda: sum('set by +86400.00 s' in text for text in texts) >= 2)
-        assert capfd.readouterr().err.count("computer's clock") == 1
-        bridges = node.get_node_names().count('bridge')  # one that a test killed may still be known
-        bridge.end()
-        bridge._close()
-    assert spin_until(node, lambda: node.get_node_names().count('bridge') < bridges)
-    node.destroy_node()
+#: A bridge on a computer that had started a day ago with an unset clock.
+LATER = """
+import sys
+from pendubot_identification.nodes.bridge import Bridge, main
+
+opened = Bridge._open
+
+def opens(self, settings):
+    opened(self, settings)
+    self._epoch_ns -= 86_400 * 10**9
+
+Bridge._open = opens
+sys.exit(main())
+"""
+
+
+def test_setting_the_computers_clock_is_reported_once_and_stays_in_the_diagnosis(ros, tmp_path):
+    program = tmp_path / 'later_bridge.py'
+    program.write_text(LATER)
+    with Observer(ros) as observer, Program(program) as bridge:
+        observer.until(lambda: sum('set by +86400.00 s' in each.message for each in observer.statuses) >= 2)
+        assert bridge.output.count("computer's clock") == 1

@@ -28,22 +28,14 @@ LEASE = """
 """
 
 
-def running(rig):
-    """Start a rig with timeouts too long to disarm during a test."""
-    r = rig()
-    r.start_board()
-    bridge = r.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0')
-    r.until_samples()
-    return r, bridge
-
-
 def arm_and_drive(rig):
     assert rig.call('arm').success
     rig.drive_until(OWN / 1e6, lambda: rig.samples[-1][6] == OWN / 1e6)
 
 
-def test_a_second_publisher_disarms_and_both_are_named_until_one_is_gone(rig, stranger):
-    r, bridge = running(rig)
+def test_a_second_publisher_disarms_and_both_are_named_until_one_is_gone(shared_rig, stranger):
+    r = shared_rig
+    bridge = r.programs[-1]
     arm_and_drive(r)
     other = stranger.create_publisher(r.float64, TOPIC, 1)
     r.until(lambda: not r.trace()[-1, 4] & ARMED)
@@ -67,9 +59,9 @@ def test_a_second_publisher_disarms_and_both_are_named_until_one_is_gone(rig, st
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'by command, not by the watchdog'
 
 
-def test_a_second_publisher_of_joint_states_prevents_arming(rig, stranger):
+def test_a_second_publisher_of_joint_states_prevents_arming(shared_rig, stranger):
     """Otherwise one call to arm, and one controller, would move both rigs."""
-    r, _ = running(rig)
+    r = shared_rig
     other = stranger.create_publisher(JointState, '/joint_states', 1)
     answers = []
     r.until(lambda: answers.append(r.call('arm')) or not answers[-1].success)
@@ -80,10 +72,10 @@ def test_a_second_publisher_of_joint_states_prevents_arming(rig, stranger):
     r.until(lambda: r.call('arm').success)
 
 
-def test_a_killed_publisher_counts_until_its_lease_ends(rig, tmp_path):
+def test_a_killed_publisher_counts_until_its_lease_ends(shared_rig, tmp_path):
     profile = tmp_path / 'short.xml'
     profile.write_text(LEASE)
-    r, _ = running(rig)
+    r = shared_rig
     env = {'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     with Program('exciter', *parameters(), env=env) as exciter:
         exciter.wait_for('waiting to be armed')
@@ -104,59 +96,72 @@ class Ros2Control:
     The effort is NaN before a controller is active.
     """
 
-    def __init__(self, node):
-        self.node, self.publisher = node, node.create_publisher(JointState, JOINT_TOPIC, 1)
+    def __init__(self, node, rig):
+        self.node, self.rig, self.publisher = node, rig, node.create_publisher(JointState, JOINT_TOPIC, 1)
 
-    def command(self, *efforts, names=('shoulder', 'elbow'), **other):
-        message = JointState(name=names, effort=efforts, **other)
-        message.header.stamp = self.node.get_clock().now().to_msg()
-        self.publisher.publish(message)
+    def until(self, condition, *efforts, names=('shoulder', 'elbow')):
+        """Repeat a command until a condition is true."""
 
-    def drive_until(self, r, condition, *efforts, **more):
-        r.until(lambda: self.command(*efforts, **more) or condition())
+        def commanded():
+            message = JointState(name=names, effort=efforts)
+            message.header.stamp = self.node.get_clock().now().to_msg()
+            self.publisher.publish(message)
+            return condition()
+
+        self.rig.until(commanded)
 
 
-def test_ros2_control_drives_the_motor_by_joint_commands_and_nan_is_no_command(rig, stranger):
-    r, bridge = running(rig)
-    controller = Ros2Control(stranger)
-    controller.drive_until(r, controller.publisher.get_subscription_count, math.nan)
+def test_ros2_control_drives_the_motor_by_joint_commands_and_nan_is_no_command(shared_rig, stranger):
+    r, controller = shared_rig, Ros2Control(stranger, shared_rig)
+    controller.until(controller.publisher.get_subscription_count, math.nan)
     assert r.call('arm').success
-    controller.drive_until(r, lambda: r.samples[-1][6] == OWN / 1e6, OWN / 1e6)
+    controller.until(lambda: r.samples[-1][6] == OWN / 1e6, OWN / 1e6)
     # An effort per name, zero for the elbow, is equivalent.
-    controller.drive_until(r, lambda: r.samples[-1][6] == OTHER / 1e6, 0.0, OTHER / 1e6, names=('elbow', 'shoulder'))
+    controller.until(lambda: r.samples[-1][6] == OTHER / 1e6, 0.0, OTHER / 1e6, names=('elbow', 'shoulder'))
     # After deactivation of the controller the torque ends with the timeout, and the motor stays armed.
-    controller.drive_until(r, lambda: r.samples[-1][6] == 0, math.nan)
+    controller.until(lambda: r.samples[-1][6] == 0, math.nan)
     assert r.trace()[-1, 4] & ARMED
     assert not (r.trace()[:, 4] & WATCHDOG).any()
-    assert set(r.trace()[:, 3]) == {0, OWN, OTHER}
-    for efforts, names, warning in [
-        (
-            (),
-            ('shoulder', 'elbow'),
-            'it has 0 efforts for the joints shoulder, elbow; the effort of shoulder is expected',
-        ),
+    for efforts, names, warning in (
+        ((), ('shoulder', 'elbow'), '0 efforts for the joints shoulder, elbow; the effort of shoulder is expected'),
         ((0.1,), ('elbow',), 'it has 1 efforts for the joints elbow; the effort of shoulder is expected'),
         ((0.1, 0.1), ('shoulder', 'elbow'), 'it has an effort for elbow, and only shoulder has a motor'),
-    ]:
-        controller.drive_until(r, lambda warning=warning: warning in bridge.output, *efforts, names=names)
+    ):
+        controller.until(lambda warning=warning: warning in r.programs[-1].output, *efforts, names=names)
     assert set(r.trace()[:, 3]) == {0, OWN, OTHER}
 
 
-def test_joint_commands_and_effort_commands_together_have_one_publisher(rig, stranger):
-    r, _ = running(rig)
+def test_joint_commands_and_effort_commands_together_have_one_publisher(shared_rig, stranger):
+    r = shared_rig
     arm_and_drive(r)
-    controller = Ros2Control(stranger)
-    controller.drive_until(r, lambda: not r.trace()[-1, 4] & ARMED, OTHER / 1e6)
+    controller = Ros2Control(stranger, r)
+    controller.until(lambda: not r.trace()[-1, 4] & ARMED, OTHER / 1e6)
     assert not (r.trace()[:, 4] & WATCHDOG).any()
     assert set(r.trace()[:, 3]) == {0, OWN}
     both = f'{TOPIC} and {JOINT_TOPIC} have 2 publishers: /elsewhere/stranger, /listener; only one program may publish'
     r.until(lambda: r.call('arm').message.startswith(both))
-    with Program('exciter', *parameters(arm='true')) as exciter:
-        exciter.wait_for(f'{JOINT_TOPIC} have ')
-        assert exciter.process.wait(20) == 1
-    r.node.destroy_publisher(r.effort_publisher)
-    r.until(lambda: r.call('arm').success)
-    controller.drive_until(r, lambda: r.samples[-1][6] == OTHER / 1e6, OTHER / 1e6)
+
+
+def test_the_torque_limit_may_be_lowered_while_it_runs_and_raised_only_while_disarmed(shared_rig):
+    r = shared_rig
+
+    def limited(value):
+        answer = r.set('/bridge', torque_limit=value)
+        return answer.successful or answer.reason
+
+    assert limited(0.5) is True
+    assert r.call('arm').success
+    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.5)
+    assert limited(0.2) is True
+    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.2)
+    assert 'is not raised while the motor is armed; call ~/disarm first' in limited(0.3)
+    assert r.call('disarm').success
+    assert limited(0.3) is True
+    assert r.call('arm').success
+    r.drive_until(1.0, lambda: r.samples[-1][6] == 0.3)
+    assert set(r.trace()[:, 3]) == {0, 200_000, 300_000, 500_000}
+    assert r.call('disarm').success
+    assert limited(2.0) is True
 
 
 MS, SECOND = 10**6, 10**9
