@@ -2,8 +2,3 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """The ROS nodes: thin programs around the core, with parameters in, one call, and messages out."""
-
-import os
-
-#: Process id of the parent, read before all other imports, while the parent certainly exists.
-PARENT = os.getppid()

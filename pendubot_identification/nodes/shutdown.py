@@ -13,8 +13,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 
-from . import PARENT
-
 #: Signals that end a program; the system sends SIGHUP when its terminal is closed or its connection is lost.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: The environment variable with the process id of a launch file.
@@ -67,7 +65,7 @@ def _terminate_with_parent() -> None:
     """
     launch = int(os.environ.get(LAUNCH, 0))
     nohup = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    parent = launch or (0 if nohup else PARENT)
+    parent = launch or (0 if nohup else os.getppid())
     if not parent:  # 0 is also the parent of the first process of a container
         return
     watched = None
