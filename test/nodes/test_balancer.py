@@ -30,9 +30,9 @@ def rig(ros, tmp_path):
         yield rig
 
 
-def patient(rig, **place):
+def patient(rig, *options):
     """Start a board, a bridge and a balancer with long timeouts; return the balancer."""
-    rig.start_board(**place)
+    rig.start_board(*options)
     rig.start_bridge(*PATIENT)
     return rig.start('balancer', *parameters(max_age=PATIENCE))
 
@@ -49,8 +49,8 @@ def stays_disarmed(rig):
     return not (rig.trace()[cut:, 4] & ARMED).any()
 
 
-def test_it_waits_for_parameters_balances_adopts_new_ones_and_disarms_at_stop_or_unphysical_parameters(rig):
-    balancer = patient(rig)
+def test_it_waits_for_usable_parameters_and_publishes_torques_only_while_it_drives(rig):
+    balancer = patient(rig, '--patient')
     balancer.wait_for('waiting: no parameters were received on pendubot/params')
     rig.publish(level=2, message='useless')
     balancer.wait_for('level ERROR (useless)')
@@ -58,19 +58,44 @@ def test_it_waits_for_parameters_balances_adopts_new_ones_and_disarms_at_stop_or
     balancer.wait_for('waiting: the parameters are unphysical')
     assert not rig.call('/balancer/start').success
     rig.publish()
+    balancer.wait_for('prepared', 60.0)
+    # An idle balancer does not keep an exciter from running.
+    assert not rig.node.count_publishers(EFFORT)
+    exciter = rig.start('exciter', *parameters(**GENTLE))
+    exciter.wait_for('exciting')
+    refused = rig.call('/balancer/start')
+    assert not refused.success
+    assert f'{EFFORT} has 1 publisher: /exciter; only one program may publish there' in refused.message
+    rig.until(lambda: rig.trace()[-1, 3])
+    cut = len(rig.trace())
+    rig.until(lambda: len(rig.trace()) > cut + 200)
+    torques = rig.motion()[2][cut:]
+    assert torques.min() >= 0.05
+    assert torques.max() <= 0.15
+    assert exciter.stop() == 0
+
+    rig.programs[0].stop()
+    board = rig.start_board('--patient', seed=2)
     begin_and_hold(rig)
+    # An exciter that starts while the balancer drives ends without disarming.
+    cut = len(rig.trace())
+    exciter = rig.start('exciter', *parameters(**GENTLE))
+    exciter.wait_for(f'{EFFORT} has 1 publisher: /balancer;')
+    assert exciter.process.wait(10) == 1
     rig.until(lambda: rig.held()[1] > 0.5, 60.0)
+    assert (rig.trace()[cut:, 4] & ARMED).all()
     diagnosis = {pair.key: pair.value for pair in rig.said()[-1].values}
     assert float(diagnosis['delay margin [s]']) == pytest.approx(0.023, abs=0.001)
     rig.publish([1.02 * value for value in BALANCE.vector()])
     balancer.wait_for('prepared')
-    balancer.wait_for('prepared')
     rig.until(lambda: rig.held()[1] > 2.0, 60.0)
     assert np.abs(rig.motion()[2]).max() <= 2.0
     assert rig.call('/balancer/stop').success
+    rig.until(lambda: not rig.node.count_publishers(EFFORT))
     rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
-    rig.programs[0].stop()
-    rig.start_board(seed=2)
+
+    board.stop()
+    rig.start_board(seed=3)
     begin_and_hold(rig)
     rig.publish([*BALANCE.vector()[:2], 0.02, *BALANCE.vector()[3:]])
     balancer.wait_for('stopped: the parameters are unphysical')
@@ -112,39 +137,6 @@ def test_a_failure_of_bridge_board_or_balancer_stops_the_motor_for_good(rig):
     assert stays_disarmed(rig), 'a restarted balancer must not arm by itself'
 
 
-def test_it_publishes_torques_only_while_it_drives_and_refuses_to_start_beside_another_program(rig):
-    balancer = patient(rig, start='hanging', spread=0.0)
-    rig.publish()
-    balancer.wait_for('prepared', 60.0)
-    # A publisher that another test killed counts until its lease ends.
-    rig.until(lambda: not rig.node.count_publishers(EFFORT))
-    # An idle balancer does not keep an exciter from running.
-    exciter = rig.start('exciter', *parameters(**GENTLE))
-    exciter.wait_for('exciting')
-    refused = rig.call('/balancer/start')
-    assert not refused.success
-    assert f'{EFFORT} has 1 publisher: /exciter; only one program may publish there' in refused.message
-    rig.until(lambda: rig.trace()[-1, 3])
-    cut = len(rig.trace())
-    rig.until(lambda: len(rig.trace()) > cut + 200)
-    torques = rig.motion()[2][cut:]
-    assert torques.min() >= 0.05
-    assert torques.max() <= 0.15
-    assert exciter.stop() == 0
-    rig.begin()
-    rig.until(lambda: rig.node.count_publishers(EFFORT) == 1)
-    # An exciter that starts while the balancer drives ends without disarming.
-    cut = len(rig.trace())
-    exciter = rig.start('exciter', *parameters(**GENTLE))
-    exciter.wait_for(f'{EFFORT} has 1 publisher: /balancer;')
-    assert exciter.process.wait(10) == 1
-    rig.until(lambda: rig.held()[1] > 0.5, 60.0)
-    assert (rig.trace()[cut:, 4] & ARMED).all()
-    assert rig.call('/balancer/stop').success
-    rig.until(lambda: not rig.node.count_publishers(EFFORT))
-    rig.until(lambda: not rig.trace()[-1, 4] & ARMED)
-
-
 def test_inputs_with_two_publishers_are_ignored_and_a_second_publisher_of_joint_states_stops_it(rig, stranger):
     def foreign_parameters():
         publisher = stranger.create_publisher(Float64MultiArray, PARAMS, LATCHED)
@@ -160,7 +152,7 @@ def test_inputs_with_two_publishers_are_ignored_and_a_second_publisher_of_joint_
 
     foreign = foreign_parameters()
     rig.publish()
-    balancer = patient(rig)
+    balancer = patient(rig, '--patient')
     balancer.wait_for(f'a message was ignored: {PARAMS} has 2 publishers: /elsewhere/stranger, /listener; only one')
     assert refuses_to_start(PARAMS, '/listener')
     stranger.destroy_publisher(foreign)
