@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
 from test.link.test_virtual_board import Bench
@@ -51,10 +52,7 @@ def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
         (['--help'], 0, 'bit_flip'),
         (['--duration', '0.1', '--ros-args', '-r', '__node:=x'], 0, 'virtual board on /dev/pts/'),
         (['--ros-args', '--params-file', '/none.yaml'], 1, 'virtual_board: failed to initialize rcl: '),
-        (['--rate', '0'], 1, '--rate is 0 Hz'),
-        (['--duration', 'nan'], 1, '--duration is nan s'),
-        (['--fault', 'rust=1'], 1, "no fault 'rust'"),
-        (['--limit', 'heat=1'], 1, "no limit 'heat'; the limits are torque_slew, max_speed"),
+        (['--rate', '0'], 1, 'virtual_board: --rate is 0 Hz'),
     ],
 )
 def test_options_are_accepted_or_refused_with_a_message(options, status, text):
@@ -62,6 +60,19 @@ def test_options_are_accepted_or_refused_with_a_message(options, status, text):
     assert done.returncode == status
     assert text in done.stdout + done.stderr
     assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('option', 'value', 'text'),
+    [
+        ('--duration', 'nan', '--duration is nan s'),
+        ('--fault', 'rust=1', "no fault 'rust'"),
+        ('--limit', 'heat=1', "no limit 'heat'; the limits are torque_slew, max_speed"),
+    ],
+)
+def test_invalid_options_are_refused(option, value, text):
+    with pytest.raises(ParameterError, match=text):
+        bench(option, value)
 
 
 @pytest.mark.ros
