@@ -56,7 +56,7 @@ def test_programs_move_record_and_identify_only_the_rig_of_their_namespace(trace
 
     with (
         Program('recorder', *parameters(output=bag), *LAB1) as recorder,
-        Program('exciter', *parameters(duration=3.0, **PULSES), *LAB1) as exciter,
+        Program('exciter', *parameters(duration=3.0, recorded='true', **PULSES), *LAB1) as exciter,
     ):
         recorder.wait_for('recording /lab1/joint_states')
         exciter.wait_for('exciting')
@@ -76,22 +76,15 @@ def test_programs_move_record_and_identify_only_the_rig_of_their_namespace(trace
     names = {entry['topic_metadata']['name'] for entry in recorded['topics_with_message_count']}
     assert names == {'/lab1/joint_states', '/lab1/pendubot/effort_command'}
     with Program('identifier', *parameters(bags=f"['{bag}']", **FAST), *LAB1):
-        observer.until(lambda: observer.params)
+        observer.until(lambda: observer.params, 60.0)
         assert not observer.node.count_publishers('/pendubot/params')
         observer.until(lambda: observer.status('lab1/identifier: progress'))
 
 
 def test_a_renamed_bridge_is_driven_after_its_services_are_remapped(traces):
     _, trace = traces
-    options = [*parameters(duration=1.0, **PULSES), *LAB2]
-    with Program('exciter', *options) as exciter:
-        exciter.wait_for(
-            'waiting for /lab2/bridge/arm, which nobody serves: start the bridge or, if its node has another name, '
-            'remap bridge/arm and bridge/disarm'
-        )
-    assert not armed_or_moved(trace())
     remapped = [f'bridge/{service}:=my_bridge/{service}' for service in ('arm', 'disarm')]
-    options += [word for rule in remapped for word in ('-r', rule)]
+    options = [*parameters(duration=1.0, **PULSES), *LAB2, *(word for rule in remapped for word in ('-r', rule))]
     with Program('exciter', *options, '-r', 'pendubot/effort_command:=u') as exciter:
         exciter.wait_for('waiting: /lab2/my_bridge does not subscribe to /lab2/u: remap pendubot/effort_command as')
     assert not armed_or_moved(trace()), 'it must not arm a bridge that does not receive its commands'
