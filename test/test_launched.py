@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -124,43 +123,32 @@ def test_a_failed_program_ends_the_launch_with_status_1(launched, tmp_path):
     assert program.process.wait(30) == 1
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
-def test_a_signal_to_launch_alone_ends_every_program_and_disarms(rig, tmp_path, number):
-    """The launch library itself forwards SIGINT after 5 s, and other signals never."""
+#: Makes launch the first process of a container.
+CONTAINER = 'unshare', '--pid', '--fork', '--mount-proc', '--kill-child'
+
+
+@pytest.mark.parametrize(
+    ('number', 'before'),
+    [(signal.SIGINT, ()), (signal.SIGTERM, ()), (signal.SIGKILL, ()), (signal.SIGTERM, CONTAINER)],
+    ids=['SIGINT', 'SIGTERM', 'SIGKILL', 'SIGTERM in a container'],
+)
+def test_a_signal_to_launch_alone_ends_every_program_and_disarms(rig, tmp_path, number, before):
+    """The launch library itself forwards SIGINT after 5 s, and other signals never.
+
+    The system ignores an unhandled SIGTERM of the first process of a container, and kills all others when it ends.
+    """
+    if before and subprocess.run([*before, 'true'], capture_output=True).returncode:
+        pytest.skip('no right to make a PID namespace')
     start, last = rig
-    program = start()
+    program = start(before=before)
     program.wait_for('exciting for')
-    program.process.send_signal(number)
-    begin = time.monotonic()
-    until(lambda: last() == (0, 0))
-    assert time.monotonic() - begin < 4.0
+    pid = program.process.pid
+    os.kill(int(Path(f'/proc/{pid}/task/{pid}/children').read_text()) if before else pid, number)
+    until(lambda: last() == (0, 0), 4.0)
     program.process.wait(20)
     (file,) = (tmp_path / 'bag').glob('*.mcap')
     until(lambda: file.read_bytes().endswith(CLOSED), 20.0)
     assert "after receiving 'SIGTERM'" not in program.output
-
-
-def can_unshare():
-    return subprocess.run(['unshare', '--pid', '--fork', '--mount-proc', 'true'], capture_output=True).returncode == 0
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_launch_as_the_first_process_of_a_container_ends_cleanly(rig, tmp_path, number):
-    """The system ignores an unhandled SIGTERM of such a process, and kills all others when it ends."""
-    if not can_unshare():
-        pytest.skip('no right to make a PID namespace')
-    start, last = rig
-    container = start(before=('unshare', '--pid', '--fork', '--mount-proc', '--kill-child'))
-    container.wait_for('exciting for')
-    pid = container.process.pid
-    (first,) = map(int, Path(f'/proc/{pid}/task/{pid}/children').read_text().split())
-    os.kill(first, number)
-    begin = time.monotonic()
-    until(lambda: last() == (0, 0))
-    assert time.monotonic() - begin < 4.0
-    container.process.wait(20)
-    (file,) = (tmp_path / 'bag').glob('*.mcap')
-    assert file.read_bytes().endswith(CLOSED), 'the recorder was killed'
 
 
 #: A user's launch file with an additional argument.
