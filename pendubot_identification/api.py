@@ -21,6 +21,7 @@ from inspect import cleandoc
 from itertools import product
 from pathlib import Path
 from textwrap import fill
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -35,7 +36,6 @@ from .identification.estimate import Progress
 from .identification.options import APPLY_REMEDIES, OPTIONS
 from .level import Level
 from .model import dynamics, simulation
-from .model.dynamics import accelerations as accelerations
 from .model.parameters import SPECIFICATIONS, Parameters
 from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 F = TypeVar('F', bound=Callable[..., Any])
+#: A float, an array, or an expression.
+Term = TypeVar('Term', bound=Any)
 File = str | Path
 Criterion = Literal['energy', 'weak', 'likelihood']
 Model = Literal['auto', 'viscous', 'coulomb', 'rotor', 'geared']
@@ -324,6 +326,24 @@ def simulate(
     """
     times = np.asarray(t, dtype=float)
     return simulation.simulate(pendubot, times, _torques(times, tau), q, qd)
+
+
+def accelerations(
+    theta: Sequence[Term | float] | Array,
+    q1: Term,
+    q2: Term,
+    v1: Term,
+    v2: Term,
+    tau1: Term | float,
+    tau2: Term | float,
+    lib: ModuleType = np,
+) -> tuple[Term, Term]:
+    """Return q1'', q2'' [rad/s^2]: the equations of motion, with the inverse of M(q) written out.
+
+    ``theta`` is a sequence of D numbers, arrays or expressions; arrays broadcast. ``lib`` has their functions: numpy,
+    math for floats, casadi, or jax.numpy.
+    """
+    return dynamics.accelerations(theta, (q1, q2, v1, v2), (tau1, tau2), lib)
 
 
 def _torques(t: Array, tau: ArrayLike) -> Array:

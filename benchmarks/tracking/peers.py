@@ -54,6 +54,6 @@ def _advance(x, tau, scale, h):
 
     def slope(state):
         q1, q2, v1, v2 = np.moveaxis(state, -1, 0)
-        return np.stack([v1, v2, *accelerations(theta, q1, q2, v1, v2, tau, 0.0)], axis=-1)
+        return np.stack([v1, v2, *accelerations(theta, (q1, q2, v1, v2), (tau, 0.0))], axis=-1)
 
     return np.concatenate([runge_kutta(slope, x[..., :4], h), x[..., 4:]], axis=-1)

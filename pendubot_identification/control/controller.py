@@ -10,8 +10,7 @@ import math
 from dataclasses import dataclass
 
 from pendubot_identification.errors import ControlError
-from pendubot_identification.model.dynamics import GRAVITY, Pair, accelerations
-from pendubot_identification.model.rollout import advance
+from pendubot_identification.model.dynamics import GRAVITY, Pair, accelerations, advance
 
 from .estimator import CommandMonitor, Estimator, RigState
 from .linear_control import Design
@@ -202,5 +201,5 @@ def _swing_up(design: Design, state: RigState, upright: float) -> float:
     draw = SETTINGS.stiffness * (q1 - upright) + 2 * SETTINGS.damping * math.sqrt(SETTINGS.stiffness) * v1 / w
     wanted = -w * w * (pump + draw)
     # The shoulder's acceleration is linear in the torque.
-    free, pushed = (accelerations(design.theta, q1, q2, v1, v2, torque, 0.0, math)[0] for torque in (0.0, 1.0))
+    free, pushed = (accelerations(design.theta, state, (torque, 0.0), math)[0] for torque in (0.0, 1.0))
     return float((wanted - free) / (pushed - free))

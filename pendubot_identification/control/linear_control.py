@@ -21,7 +21,7 @@ from scipy.signal import cont2discrete
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ControlError
-from pendubot_identification.model.dynamics import GRAVITY, acceleration_derivatives, mass_matrix
+from pendubot_identification.model.dynamics import GRAVITY, linearised, padded
 from pendubot_identification.model.parameters import Parameters
 
 
@@ -50,10 +50,8 @@ def linearise(parameters: Parameters) -> tuple[Array, Array]:
     Dry friction is omitted, because its slope at rest is too steep for a linear model of any finite motion.
     """
     viscous = replace(parameters, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0).vector()
-    q, zero = np.array([[math.pi / 2], [0.0]]), np.zeros((2, 1))
-    _, slopes = acceleration_derivatives(viscous, q, zero, zero)
-    A = np.vstack([np.eye(2, 4, 2), slopes[:, :4, 0]])
-    return A, np.vstack([np.zeros((2, 2)), np.linalg.inv(mass_matrix(parameters.vector(), q[:, 0]))])
+    point = linearised(padded(viscous), np.array([math.pi / 2, 0.0, 0.0, 0.0]), np.zeros(2))
+    return np.vstack([np.eye(2, 4, 2), point.by_state]), np.vstack([np.zeros((2, 2)), point.inverse])
 
 
 def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:

@@ -18,8 +18,7 @@ import numpy as np
 from scipy.signal import detrend
 
 from pendubot_identification.errors import ControlError
-from pendubot_identification.model.dynamics import Pair
-from pendubot_identification.model.rollout import advance
+from pendubot_identification.model.dynamics import Pair, advance
 from pendubot_identification.model.simulation import HANGING
 
 

@@ -276,7 +276,7 @@ def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float)
     tau = np.diff(result.impulse(t), axis=0) / np.diff(t)[:, None]
     for term, size in terms:
         q, v = states[term.joint], states[2 + term.joint]
-        tau[:, term.joint] += size * term.torque(q, v, 0.5)
+        tau[:, term.joint] += size * term.torques(q, v, 0.5)[0]
     return replace(result, impulse=PPoly(tau[None], t).antiderivative())
 
 

@@ -17,14 +17,14 @@ from __future__ import annotations
 import ctypes
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from pendubot_identification import kernel as compiled
 from pendubot_identification.arrays import Array, Indices
 
-from .dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED
+from .dynamics import NO_TERMS, SIGN_WIDTH, Linearised, accelerations, linearised, product, runge_kutta
 
 
 class TermKind(IntEnum):
@@ -47,11 +47,33 @@ class Term:
 
     kind: TermKind
     joint: int
-    number: float = 0.0  #: repetitions per turn, or a speed [rad/s].
+    number: float | Array = 0.0  #: repetitions per turn, or a speed [rad/s].
 
-    def torque(self, q: Array, v: Array, elapsed: float) -> Array:
-        """Return the torque per unit of its coefficient at angles [rad] and speeds [rad/s], with the default width."""
-        return _term(self.kind, self.number, q, v, np.tanh(v / SIGN_WIDTH), np.array(SIGN_WIDTH), np.array(elapsed))[0]
+    def torques(
+        self, q: Array, v: Array, elapsed: float | Array, width: float | Array = SIGN_WIDTH
+    ) -> tuple[Array, Array, Array]:
+        """Return the torque at angles [rad] and speeds [rad/s], and its derivatives by angle and speed."""
+        number, sign, none = self.number, np.tanh(v / width), np.zeros_like(q)
+        slope = (1 - sign**2) / width
+        match self.kind:
+            case TermKind.ANGLE:
+                return q, none + 1, none
+            case TermKind.DRAG:
+                return v * abs(v), none, 2 * abs(v)
+            case TermKind.DIRECTION:
+                return abs(sign), none, np.copysign(slope, v)
+            case TermKind.VISCOUS_DRIFT:
+                return elapsed * v, none, none + elapsed
+            case TermKind.COULOMB_DRIFT:
+                return elapsed * sign, none, elapsed * slope
+            case TermKind.SINE:
+                return np.sin(number * q), number * np.cos(number * q), none
+            case TermKind.COSINE:
+                return np.cos(number * q), -number * np.sin(number * q), none
+            case TermKind.CREEP:
+                fade = np.exp(-((v / number) ** 2))
+                return sign * fade, none, (slope - sign * v * (2 / number**2)) * fade
+        return none + 1, none, none
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +152,7 @@ def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()
     e, s = (np.empty((samples.measurements, 2, lanes)) for _ in range(2))
     if (library := compiled.library()) is None:
         with np.errstate(all='ignore'):
-            _Filter(samples, vectors, terms).run(e, s)
+            _filter(samples, vectors, terms, e, s)
         return e, s
     groups, steps = samples.h.shape
     numbers = {
@@ -152,184 +174,75 @@ def innovations(samples: Samples, vectors: Vectors, terms: tuple[Term, ...] = ()
     return e, s
 
 
-class _Point(NamedTuple):
-    """Accelerations (2, G, L), M^-1 (2, 2, G, L), P3 cos q2, P3 sin q2, and dry friction and terms at a state."""
+def _filter(samples: Samples, vectors: Vectors, terms: tuple[Term, ...], e: Array, s: Array) -> None:
+    """Compute the innovations e and their variances s in numpy, on arrays of shape (G, L)."""
+    theta, table, grouped = vectors.theta[:, None], vectors.table, _grouped(terms, vectors.coefficient)
+    position, intensity = np.split(np.moveaxis(vectors.noise[samples.level], 1, 0), 2)
+    x = samples.start[table].T
+    x[:2] -= vectors.offset[:, None]
+    p = np.zeros((4, 4, *x.shape[1:]))
+    p[range(4), range(4)] = samples.spread.T[:, :, None]
+    for k in range(samples.h.shape[1]):
+        tau, h, elapsed = samples.tau[:, :, k][table].T, samples.h[:, k, None], samples.elapsed[:, k, None]
+        width = np.sqrt(vectors.width[:, None] ** 2 + np.pi / 2 * p[[2, 3], [2, 3]])
 
-    a: Array
-    inverse: Array
-    c2: Array
-    s2: Array
-    q: Array
-    sign: Array
-    fade: Array
-    dry: Array
-    by_q: Array
-    by_v: Array
+        def torques(x: Any, elapsed: Array = elapsed, width: Array = width) -> Array:
+            """Return the torques of all terms and their derivatives by angle and speed, shape (3, 2, G, L)."""
+            total = np.zeros((3, 2, *width.shape[1:]))
+            for term, lanes, coefficient in grouped:
+                q, v, its = (values[term.joint][:, lanes] for values in (x[:2], x[2:], width))
+                total[:, term.joint][:, :, lanes] += coefficient * np.array(term.torques(q, v, elapsed, its))
+            return total if grouped else NO_TERMS
 
+        def accelerated(x: Any, tau: Array = tau, width: Array = width) -> Any:
+            return accelerations(theta, x, tau, np, torques(x)[0], width)
 
-class _Filter:
-    """The filters in numpy, on arrays of shape (G, L)."""
-
-    def __init__(self, samples: Samples, vectors: Vectors, terms: tuple[Term, ...]) -> None:
-        self._samples, self._vectors = samples, vectors
-        self._terms = _Terms.grouped(terms, vectors.coefficient)
-        self._theta = [row[None] for row in vectors.theta]
-        self._viscous, self._coulomb, self._stribeck, self._load = vectors.theta[
-            [[5, 6], [7, 8], [10, 11], [12, 13]], None
-        ]
-        self._noise = np.moveaxis(vectors.noise[samples.level], 1, 0)
-        self._none = (np.zeros((2, len(samples.level), len(vectors.table))),) * 3
-
-    def run(self, e: Array, s: Array) -> None:
-        """Compute the innovations e and their variances s, shape (N, 2, L)."""
-        samples, vectors = self._samples, self._vectors
-        groups, lanes = len(samples.level), len(vectors.table)
-        x = samples.start[vectors.table].T
-        x[:2] -= vectors.offset[:, None]
-        p = np.zeros((4, 4, groups, lanes))
-        p[range(4), range(4)] = samples.spread.T[:, :, None]
-        for k in range(samples.h.shape[1]):
-            tau = samples.tau[:, :, k][vectors.table].T
-            x, p = self._predicted(x, p, tau, samples.h[:, k, None], samples.elapsed[:, k, None])
-            measured = np.flatnonzero(samples.row[:, k] >= 0)
-            if measured.size:
-                row, y = samples.row[measured, k], samples.y[:, measured, k][vectors.table]
-                x[:, measured], p[:, :, measured] = self._corrected(
-                    x[:, measured], p[:, :, measured], measured, row, y, e, s
-                )
-
-    def _corrected(
-        self, x: Array, p: Array, groups: Indices, row: Indices, y: Array, e: Array, s: Array
-    ) -> tuple[Array, Array]:
-        for joint in range(2):  # sequential update: the errors of both joints are independent
-            innovation = y[:, :, joint].T - self._vectors.offset[joint] - x[joint]
-            variance = p[joint, joint] + self._noise[joint, groups]
-            e[row, joint], s[row, joint] = innovation, variance
-            gain = p[:, joint] / variance
-            x = x + gain * innovation
-            p = p - gain[:, None] * gain * variance
-        return x, p
-
-    def _predicted(self, x: Array, p: Array, tau: Array, h: Array, elapsed: Array) -> tuple[Array, Array]:
-        width = np.sqrt(self._vectors.width[:, None] ** 2 + np.pi / 2 * p[[2, 3], [2, 3]])
-        point = self._point(x[:2], x[2:], tau, elapsed, width)
-        a, inverse = point.a, point.inverse
-        A = np.zeros_like(p)
-        A[0, 2] = A[1, 3] = 1.0
-        A[2:] = self._derived(x[2:], point, width)
-        F = h * A + h * h / 2 * _product(A, A)
-        F[range(4), range(4)] += 1.0
-        p = _product(_product(F, p), F.swapaxes(0, 1))
-        w = _product(inverse * self._noise[2:], inverse)  # M^-1 is symmetric
-        p[:2, :2] += h**3 / 3 * w
-        crossed = h**2 / 2 * w
-        p[:2, 2:] += crossed
-        p[2:, :2] += crossed
-        p[2:, 2:] += h * w
-        q, v, half = x[:2], x[2:], h / 2
-        v2 = v + half * a
-        a2 = self._point(q + half * v, v2, tau, elapsed, width).a
-        v3 = v + half * a2
-        a3 = self._point(q + half * v2, v3, tau, elapsed, width).a
-        a4 = self._point(q + h * v3, v + h * a3, tau, elapsed, width).a
-        return np.concatenate([q + h * (v + h / 6 * (a + a2 + a3)), v + h / 6 * (a + 2 * (a2 + a3) + a4)]), p
-
-    def _point(self, q: Array, v: Array, tau: Array, elapsed: Array, width: Array) -> _Point:
-        """Return the accelerations, (2, G, L), and terms that their derivatives also need."""
-        P1, P2, P3, P4, P5, _, _, _, _, J2, *_ = self._theta
-        (v1, v2), c2, s2 = v, P3 * np.cos(q[1]), P3 * np.sin(q[1])
-        sign, fade = np.tanh(v / width), np.exp(-((v / STRIBECK_SPEED) ** 2))
-        dry = self._coulomb + self._stribeck * fade + self._load * abs(tau)
-        extra, by_q, by_v = self._extra(q, v, sign, width, elapsed) if self._terms else self._none
-        h = tau + extra - self._viscous * v - dry * sign
-        gravity = P5 * GRAVITY * np.cos(q[0] + q[1])
-        h1 = h[0] + s2 * v2 * (2 * v1 + v2) - P4 * GRAVITY * np.cos(q[0]) - gravity
-        h2 = h[1] - s2 * v1 * v1 - gravity
-        m11, m12, m22 = P1 + P2 + 2 * c2, P2 + c2, P2 + J2
-        scale = 1 / (m11 * m22 - m12 * m12)
-        inverse = np.empty((2, 2, *scale.shape))
-        np.multiply(m22, scale, out=inverse[0, 0])
-        np.multiply(m12, -scale, out=inverse[0, 1])
-        inverse[1, 0] = inverse[0, 1]
-        np.multiply(m11, scale, out=inverse[1, 1])
-        a = inverse[0] * h1 + inverse[1] * h2
-        return _Point(a, inverse, c2, s2, q, sign, fade, dry, by_q, by_v)
-
-    def _derived(self, v: Array, point: _Point, width: Array) -> Array:
-        """Return the accelerations' derivatives by the state, shape (2, 4, G, L)."""
-        P4, P5 = self._theta[3:5]
-        (v1, v2), (a1, a2), (q1, q2), c2, s2 = v, point.a, point.q, point.c2, point.s2
-        slope = (1 - point.sign * point.sign) / width * point.dry - point.by_v + self._viscous
-        slope -= self._stribeck * v * point.fade * point.sign * (2 / STRIBECK_SPEED**2)
-        g1, g12 = P4 * GRAVITY * np.sin(q1), P5 * GRAVITY * np.sin(q1 + q2)
-        right = np.empty((2, 4, *a1.shape))
-        right[0, 0] = g1 + g12 + point.by_q[0]
-        right[0, 1] = c2 * v2 * (2 * v1 + v2) + s2 * (2 * a1 + a2) + g12
-        right[0, 2] = 2 * s2 * v2 - slope[0]
-        right[0, 3] = 2 * s2 * (v1 + v2)
-        right[1, 0] = g12
-        right[1, 1] = s2 * a1 - c2 * v1 * v1 + g12 + point.by_q[1]
-        right[1, 2] = -2 * s2 * v1
-        right[1, 3] = -slope[1]
-        return _product(point.inverse, right)
-
-    def _extra(self, q: Array, v: Array, sign: Array, width: Array, elapsed: Array) -> tuple[Array, Array, Array]:
-        """Return the terms' torques and their derivatives by angle and speed, shapes (2, G, L)."""
-        extra, by_q, by_v = (np.zeros_like(v) for _ in range(3))
-        for kind, j, lanes, number, coefficient in self._terms:
-            state = q[j][:, lanes], v[j][:, lanes], sign[j][:, lanes], width[j][:, lanes]
-            for total, value in zip((extra, by_q, by_v), _term(kind, number, *state, elapsed), strict=True):
-                total[j][:, lanes] += coefficient * value
-        return extra, by_q, by_v
+        p = _predicted(p, linearised(theta, x, tau, width, torques(x)), intensity, h)
+        x = np.array(runge_kutta(accelerated, x, h))
+        measured = np.flatnonzero(samples.row[:, k] >= 0)
+        row, y = samples.row[measured, k], samples.y[:, measured, k][table]
+        for j in range(2):  # sequential update: the errors of both joints are independent
+            here, covariance = x[:, measured], p[:, :, measured]
+            innovation = y[:, :, j].T - vectors.offset[j] - here[j]
+            variance = covariance[j, j] + position[j, measured]
+            e[row, j], s[row, j] = innovation, variance
+            gain = covariance[:, j] / variance
+            x[:, measured], p[:, :, measured] = (
+                here + gain * innovation,
+                covariance - gain[:, None] * gain * variance,
+            )
 
 
-class _Terms(NamedTuple):
-    """Terms of one kind and joint, at most one in a lane: their lanes, numbers and coefficients."""
-
-    kind: TermKind
-    joint: int
-    lanes: Indices
-    number: Array
-    coefficient: Array
-
-    @classmethod
-    def grouped(cls, terms: tuple[Term, ...], coefficient: Array) -> list[_Terms]:
-        """Return all terms with a coefficient (E, L) that is not 0, in as few groups as possible."""
-        groups: dict[tuple[TermKind, int, int], list[tuple[int, float, float]]] = {}
-        for k, lane in np.argwhere(coefficient):
-            kind, joint, number = terms[k].kind, terms[k].joint, 0
-            while any(lane == other for other, *_ in groups.get((kind, joint, number), ())):
-                number += 1
-            groups.setdefault((kind, joint, number), []).append((lane, terms[k].number, coefficient[k, lane]))
-        return [cls(kind, joint, *map(np.array, zip(*rows, strict=True))) for (kind, joint, _), rows in groups.items()]
+def _predicted(p: Array, at: Linearised, intensity: Array, h: Array) -> Array:
+    """Return the covariance (4, 4, G, L) after a step of h [s] under white torques of an intensity (2, G, L)."""
+    inverse = at.inverse
+    A = np.zeros_like(p)
+    A[0, 2] = A[1, 3] = 1.0
+    A[2:] = at.by_state
+    F = h * A + h * h / 2 * product(A, A)
+    F[range(4), range(4)] += 1.0
+    p = product(product(F, p), F.swapaxes(0, 1))
+    w = product(inverse * intensity, inverse)  # M^-1 is symmetric
+    p[:2, :2] += h**3 / 3 * w
+    p[:2, 2:] += h**2 / 2 * w
+    p[2:, :2] += h**2 / 2 * w
+    p[2:, 2:] += h * w
+    return p
 
 
-def _product(a: Array, b: Array) -> Array:
-    """Return the matrix products over the first two axes."""
-    return np.asarray(np.matmul(a, b, axes=[(0, 1), (0, 1), (0, 1)]))
+def _grouped(terms: tuple[Term, ...], coefficient: Array) -> list[tuple[Term, Indices, Array]]:
+    """Return terms with the lanes in which their coefficient (E, L) is not 0, and the coefficients there.
 
-
-def _term(
-    kind: TermKind, number: Array | float, q: Array, v: Array, sign: Array, width: Array, elapsed: Array
-) -> tuple[Array, Array, Array]:
-    """Return a term's torque per unit of its coefficient, and its derivatives by angle and speed."""
-    none, slope = np.zeros_like(q), (1 - sign**2) / width
-    match kind:
-        case TermKind.ANGLE:
-            return q, none + 1, none
-        case TermKind.DRAG:
-            return v * abs(v), none, 2 * abs(v)
-        case TermKind.DIRECTION:
-            return abs(sign), none, np.copysign(slope, v)
-        case TermKind.VISCOUS_DRIFT:
-            return elapsed * v, none, none + elapsed
-        case TermKind.COULOMB_DRIFT:
-            return elapsed * sign, none, elapsed * slope
-        case TermKind.SINE:
-            return np.sin(number * q), number * np.cos(number * q), none
-        case TermKind.COSINE:
-            return np.cos(number * q), -number * np.sin(number * q), none
-        case TermKind.CREEP:
-            fade = np.exp(-((v / number) ** 2))
-            return sign * fade, none, (slope - sign * v * (2 / number**2)) * fade
-    return none + 1, none, none
+    For speed, terms of one kind and joint in different lanes are one term with an array of numbers.
+    """
+    groups: dict[tuple[TermKind, int, int], list[tuple[int, float, float]]] = {}
+    for k, lane in np.argwhere(coefficient):
+        kind, joint, copy = terms[k].kind, terms[k].joint, 0
+        while any(lane == other for other, *_ in groups.get((kind, joint, copy), ())):
+            copy += 1
+        groups.setdefault((kind, joint, copy), []).append((lane, terms[k].number, coefficient[k, lane]))
+    grouped = []
+    for (kind, joint, _), rows in groups.items():
+        lanes, numbers, coefficients = map(np.array, zip(*rows, strict=True))
+        grouped.append((Term(kind, joint, numbers), lanes, coefficients))
+    return grouped

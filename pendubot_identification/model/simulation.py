@@ -15,9 +15,8 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .dynamics import GRAVITY, SIGN_WIDTH, Pair
+from .dynamics import GRAVITY, SIGN_WIDTH, Pair, advance
 from .parameters import Parameters
-from .rollout import advance
 
 #: Positions [rad] when hanging.
 HANGING: Pair = (-math.pi / 2, 0.0)

@@ -29,7 +29,7 @@ from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.energy import Regression, require_plausible_speed
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.model.dynamics import GRAVITY, acceleration_derivatives, dry_friction_terms
+from pendubot_identification.model.dynamics import GRAVITY, dry_friction_terms, linearised, padded
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import LONGEST_GAP
 from pendubot_identification.trajectories.trajectory import LARGEST, Trajectory
@@ -289,13 +289,9 @@ def _velocity_gain(smoothing: float, interval: float) -> float:
 
 def _error_response(states: Array, torque: Array, settings: SegmentSettings) -> Array:
     """Return the response of rows to independent errors of both angles at each node, shape (count, 2 K, 2 nodes)."""
-    step, theta = COARSE * CELL, settings.theta
-    _, derivatives = acceleration_derivatives(theta, states[:2], states[2:], torque)
-    P1, P2, P3 = theta[:3]
-    c2 = np.cos(states[1])
-    rotor = theta[9] if len(theta) >= 10 else 0.0
-    M = np.array([[P1 + P2 + 2 * P3 * c2, P2 + P3 * c2], [P2 + P3 * c2, np.full_like(c2, P2 + rotor)]])
-    MA_q, MA_v = (np.einsum('ijn,jkn->ikn', M, derivatives[:, k : k + 2]) for k in (0, 2))
+    step = COARSE * CELL
+    _, M, slopes = linearised(padded(settings.theta), states, torque)
+    MA_q, MA_v = slopes[:, :2], slopes[:, 2:]
     rate = np.gradient(M, step, axis=2)
     # Factors of the test functions and of their derivatives.
     factors = np.gradient(rate + MA_v, step, axis=2) - MA_q, 2 * rate + MA_v, M
