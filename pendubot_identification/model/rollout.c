@@ -3,7 +3,7 @@
 /* Parallel simulations of the pendubot, see rollout.py. */
 #include "motion.h"
 
-#define VERSION 9 /* of the interface of rollout.c, filter.c and mde.c; kernel.py checks it */
+#define VERSION 10 /* of the interface of rollout.c, filter.c and mde.c; kernel.py checks it */
 #define COLUMNS (4 + PARAMETERS) /* derivatives by the initial state and theta */
 #define TOGETHER 16 /* blocks of lanes with a common loop over the steps, so that their results are adjacent */
 

@@ -1,6 +1,6 @@
 // Copyright 2026 The pendubot_identification authors
 // SPDX-License-Identifier: Apache-2.0
-/* One run of modified differential evolution (mde.py) on a quadratic criterion.
+/* One generation of modified differential evolution (mde.py) on a quadratic criterion.
  *
  * Plain C without Python.h, called through ctypes. It has its own random number generator. An array of vectors has one
  * row for each component, so that the compiler vectorises the loops along rows. The length of a row is the population,
@@ -8,16 +8,13 @@
  */
 #include "../model/motion.h"
 #include <math.h>
-#include <stdlib.h>
 
 #define ROW 16
 #define EACH(t, count) _Pragma("GCC ivdep") for (int64_t t = 0; t < (count); t++)
 
 typedef struct {
     int64_t population, dimension, per_component;
-    double threshold, F_low, F_high, CR_low, CR_high;
-    double target, spread; /* NaN for none */
-    double worth, largest_coupling;
+    double threshold, F_low, F_high, CR_low, CR_high, worth, largest_coupling;
 } Settings;
 
 /* ROW parallel xoshiro128++ generators (Blackman and Vigna, 2019). */
@@ -25,11 +22,11 @@ typedef struct {
     uint32_t a[ROW], b[ROW], c[ROW], d[ROW];
 } Random;
 
-/* Memory of a generation: one row each, but four rows of random words and D rows of trials. */
+/* Memory of a generation: one row each, but four rows of random words, and D rows of targets and of trials. */
 typedef struct {
     uint32_t *words, *CR;
     int32_t *jrand, *base, *plus, *minus;
-    double *F, *costs, *residuals, *trials;
+    double *F, *costs, *residuals, *targets, *trials;
 } Memory;
 
 INLINE uint32_t rotate(uint32_t x, int k) { return x << k | x >> (32 - k); }
@@ -74,7 +71,7 @@ INLINE void choose(const Settings *s, Random *random, const Memory *m, int32_t r
 }
 
 INLINE void make_trials(const Settings *s, Random *random, const Memory *m, int32_t rows, const double *lower,
-    const double *upper, const double *x, int32_t best)
+    const double *upper, int32_t best)
 {
     int32_t d = s->dimension;
     const uint32_t *u1 = m->words, *u2 = u1 + rows, *u3 = u2 + rows;
@@ -85,7 +82,7 @@ INLINE void make_trials(const Settings *s, Random *random, const Memory *m, int3
         m->jrand[t] = below(u3[t], d);
     }
     for (int32_t j = 0; j < d; j++) {
-        const double *targets = x + j * rows;
+        const double *targets = m->targets + j * rows;
         double *restrict trial = m->trials + j * rows, low = lower[j], high = upper[j];
         if (s->per_component || j == 0)
             choose(s, random, m, rows, best);
@@ -122,41 +119,30 @@ INLINE void evaluate(const Settings *s, const Memory *m, int32_t rows, const dou
         }
 }
 
-/* Advance a run until it stops, by at most a given number of generations.
+/* Advance runs by one generation.
  *
- * root (D + 1, D + 1), lower and upper (D), x (D, rows), values (rows), history (generations) of the best values.
- * Returns the number of generations done; -1 if there is no memory.
+ * root (D + 1, D + 1), lower and upper (D), random (runs), x (D, runs, NP), values (runs, NP). Memory: 9 rows of
+ * integers, and 3 + 2 D rows of doubles.
  */
-EXPORT int64_t pendubot_mde(const Settings *s, int64_t generations, const double *root, const double *lower,
-    const double *upper, Random *random, double *x, double *values, double *history)
+EXPORT void pendubot_mde(const Settings *s, const double *root, const double *lower, const double *upper,
+    uint32_t *integers, double *doubles, int64_t runs, Random *random, double *x, double *values)
 {
     int32_t n = s->population, d = s->dimension, rows = (n + ROW - 1) / ROW * ROW;
-    double *doubles = calloc((size_t)(3 + d) * rows, sizeof(double));
-    uint32_t *integers = calloc((size_t)9 * rows, sizeof(uint32_t));
     int32_t *indices = (int32_t *)integers + 5 * rows;
     Memory m = {integers, integers + 4 * rows, indices, indices + rows, indices + 2 * rows, indices + 3 * rows,
-        doubles, doubles + rows, doubles + 2 * rows, doubles + 3 * rows};
-    int64_t done = doubles && integers ? 0 : -1;
-    for (; done >= 0; done++) {
-        int32_t best = 0, worst = 0;
-        for (int32_t t = 1; t < n; t++) {
+        doubles, doubles + rows, doubles + 2 * rows, doubles + 3 * rows, doubles + (3 + d) * rows};
+    for (int64_t run = 0; run < runs; run++, x += n, values += n) {
+        int32_t best = 0;
+        for (int32_t t = 1; t < n; t++)
             best = values[t] < values[best] ? t : best;
-            worst = values[t] > values[worst] ? t : worst;
-        }
-        if (done > 0)
-            history[done - 1] = values[best];
-        if (done == generations || values[best] <= s->target
-            || values[worst] - values[best] <= s->spread * fabs(values[best]))
-            break;
-        make_trials(s, random, &m, rows, lower, upper, x, best);
+        for (int32_t j = 0; j < d; j++)
+            memcpy(m.targets + j * rows, x + j * runs * n, n * sizeof(double));
+        make_trials(s, random + run, &m, rows, lower, upper, best);
         evaluate(s, &m, rows, root);
         for (int32_t j = 0; j < d; j++) {
-            double *restrict target = x + j * rows, *restrict trial = m.trials + j * rows;
-            EACH(t, rows) target[t] = m.costs[t] <= values[t] ? trial[t] : target[t];
+            double *restrict target = x + j * runs * n, *restrict trial = m.trials + j * rows;
+            EACH(t, n) target[t] = m.costs[t] <= values[t] ? trial[t] : target[t];
         }
-        EACH(t, rows) values[t] = m.costs[t] <= values[t] ? m.costs[t] : values[t];
+        EACH(t, n) values[t] = m.costs[t] <= values[t] ? m.costs[t] : values[t];
     }
-    free(doubles);
-    free(integers);
-    return done;
 }

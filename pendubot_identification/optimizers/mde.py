@@ -3,11 +3,12 @@
 
 """Modified differential evolution (MDE), Table 1 of the paper.
 
-:func:`trials` is Table 1 in numpy. For a quadratic criterion, the C version (mde.c) is ten times as fast. It uses other
-random numbers, so that single runs differ; minima and the distribution of the number of generations are the same.
+:func:`trials` is Table 1 in numpy. For a quadratic criterion, a generation in C (mde.c) takes less time. It has
+other random numbers, so that single runs differ; minima and the distribution of the number of generations are the same.
 """
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, runtime_checkable
@@ -28,13 +29,11 @@ from .optimizer import (
     columns,
     evaluate,
     random_points,
-    reasons_to_stop,
     run_generations,
 )
 
-#: The length of the rows of mde.c is a multiple of LANES. After CHUNK generations mde.c returns, for progress and
-#: interrupts.
-LANES, CHUNK = 16, 500
+#: Number of parallel random number generators of mde.c; the length of its rows is a multiple.
+LANES = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +87,13 @@ def mde(
     """
     settings = settings or MDESettings()
     rng, x = random_points(bounds, runs, settings.population, seed)
-    values = evaluate(objective, x)
+    step, state = partial(generation, rng, objective, bounds, settings), (x, evaluate(objective, x))
     if isinstance(objective, QuadraticObjective) and (library := compiled.library()) is not None:
-        return _compiled(library, objective, bounds, settings, seed, x, values, progress)
-
-    step = partial(generation, rng, objective, bounds, settings)
+        step = _compiled(library, objective, bounds, settings)
+        seeds = (np.random.SeedSequence([seed, run]) for run in range(runs))
+        state += (np.array([each.generate_state(4 * LANES) for each in seeds]),)
     return run_generations(
-        step, (x, values), settings.generations, target=settings.target, spread=settings.spread, progress=progress
+        step, state, settings.generations, target=settings.target, spread=settings.spread, progress=progress
     )
 
 
@@ -182,48 +181,26 @@ class _Settings(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_int64) for name in ('population', 'dimension', 'per_component')),
         *((name, ctypes.c_double) for name in ('threshold', 'F_low', 'F_high', 'CR_low', 'CR_high')),
-        *((name, ctypes.c_double) for name in ('target', 'spread', 'worth', 'largest_coupling')),
+        *((name, ctypes.c_double) for name in ('worth', 'largest_coupling')),
     )
 
 
 def _compiled(
-    library: ctypes.CDLL,
-    objective: QuadraticObjective,
-    bounds: Bounds,
-    settings: MDESettings,
-    seed: int,
-    x: Array,
-    values: Array,
-    progress: Progress | None,
-) -> OptimizationResult:
-    """Run mde.c from initial populations x and their values, run by run."""
-    D, runs, NP = x.shape
+    library: ctypes.CDLL, objective: QuadraticObjective, bounds: Bounds, settings: MDESettings
+) -> Callable[..., State]:
+    """Return the generation of mde.c, for populations, their values, and random numbers, shape (runs, 4 LANES)."""
+    rows, D = settings.population + -settings.population % LANES, len(bounds.lower)
     parameters = _Settings(
-        *(NP, D, settings.per_component, settings.threshold, *settings.weight, *settings.crossover),
-        *(float('nan') if value is None else value for value in (settings.target, settings.spread)),
+        *(settings.population, D, settings.per_component, settings.threshold, *settings.weight, *settings.crossover),
         *(objective.worth, LARGEST_COUPLING),
     )
-    root, rows = np.ascontiguousarray(objective.root), NP + -NP % LANES
-    populations, costs = np.zeros((runs, D, rows)), np.zeros((runs, rows))
-    populations[..., :NP], costs[:, :NP] = x.transpose(1, 0, 2), values
-    points, taken, stopped_by = np.empty((runs, D)), np.zeros(runs, dtype=np.int64), []
-    history = np.empty((runs, settings.generations + 1))
-    history[:, 0] = values.min(axis=1)
-    for run in range(runs):
-        random = np.random.SeedSequence([seed, run]).generate_state(4 * LANES)
-        done, going = 0, True
-        while going and done < settings.generations:
-            limit = min(CHUNK, settings.generations - done)
-            arrays = root, bounds.lower, bounds.upper, random, populations[run], costs[run], history[run, done + 1 :]
-            count = library.pendubot_mde(ctypes.byref(parameters), limit, *(array.ctypes.data for array in arrays))
-            if count < 0:
-                raise MemoryError('no memory for the trials of a generation')
-            done, going = done + count, count == limit
-            if progress is not None:
-                progress((run * settings.generations + done) // runs, float(costs[:, :NP].min()))
-        history[run, done:] = history[run, done]
-        cost = costs[run, :NP]
-        points[run], taken[run] = populations[run, :, cost.argmin()], done
-        stopped_by += reasons_to_stop(cost[None], done, settings.generations, settings.target, settings.spread).tolist()
-    history = history[:, : taken.max() + 1].T
-    return OptimizationResult(points, history[-1].copy(), taken, history, tuple(stopped_by), NP, NP)
+    memory = np.zeros(9 * rows, dtype=np.uint32), np.zeros((3 + 2 * D) * rows)
+    constants = np.ascontiguousarray(objective.root), bounds.lower, bounds.upper, *memory
+    pointers = ctypes.byref(parameters), *(array.ctypes.data_as(ctypes.c_void_p) for array in constants)
+
+    def step(x: Array, values: Array, random: Array) -> State:
+        x, values, random = map(np.ascontiguousarray, (x, values, random))
+        library.pendubot_mde(*pointers, len(values), random.ctypes.data, x.ctypes.data, values.ctypes.data)
+        return x, values, random
+
+    return step

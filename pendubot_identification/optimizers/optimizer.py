@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pendubot_identification.arrays import Array, Indices
 from pendubot_identification.errors import ParameterError
@@ -23,6 +22,8 @@ State = tuple[Array, ...]
 
 #: Largest number of vectors in all runs, limited by the memory.
 MOST_VECTORS = 100_000
+#: Number of generations from one report of progress to the next.
+REPORTED = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,23 +89,6 @@ def best_points(x: Array, values: Array) -> Array:
     return np.asarray(x[:, np.arange(len(values)), values.argmin(axis=1)])
 
 
-def reasons_to_stop(
-    values: Array, generation: int, generations: int, target: float | None, spread: float | None
-) -> NDArray[np.str_]:
-    """Return the reason why each run stops after a generation, shape (runs,); empty for a run that continues.
-
-    A run stops after the last of ``generations``, or at a best value of at most ``target``. It also stops if worst
-    minus best value is at most the fraction ``spread`` of the best. ``values`` of all vectors have shape (runs, NP).
-    """
-    lowest = values.min(axis=1)
-    reasons = np.full(len(values), 'generations' if generation >= generations else '', dtype='U11')
-    if spread is not None:
-        reasons[values.max(axis=1) - lowest <= spread * np.abs(lowest)] = 'spread'
-    if target is not None:
-        reasons[lowest <= target] = 'target'
-    return reasons
-
-
 def run_generations(
     step: Callable[..., State],
     state: State,
@@ -115,32 +99,39 @@ def run_generations(
     per_generation: int | None = None,
     progress: Progress | None = None,
 ) -> OptimizationResult:
-    """Advance all runs, generation by generation, until each has stopped, see :func:`reasons_to_stop`.
+    """Advance all runs, generation by generation, until each has stopped.
+
+    A run stops after the last of ``generations``, or at a best value of at most ``target``. It also stops if worst
+    minus best value is at most the fraction ``spread`` of the best.
 
     Args:
         step: returns the arrays of the runs that continue, one generation later.
         state: the arrays at the start, see :data:`State`; the runs are on the last axis but one.
         generations: most generations of a run.
-        target: see :func:`reasons_to_stop`; None for no target.
-        spread: see :func:`reasons_to_stop`; None for no spread.
+        target: None for no target.
+        spread: None for no spread.
         per_generation: function values of a run in each generation; None: one for each vector.
-        progress: called after every generation.
+        progress: called after every :data:`REPORTED` generations and the last one.
     """
     runs, population = state[1].shape
     points, value, taken = np.empty((len(state[0]), runs)), np.empty(runs), np.zeros(runs, dtype=np.int64)
     stopped_by, history, active = np.full(runs, '', dtype='U11'), [], np.arange(runs)
     for generation in count():
         x, values = state[:2]
-        value[active] = values.min(axis=1)
+        lowest = value[active] = values.min(axis=1)
         history.append(value.copy())
-        reasons = reasons_to_stop(values, generation, generations, target, spread)
+        reasons = np.full(len(values), 'generations' if generation >= generations else '', dtype='U11')
+        if spread is not None:
+            reasons[values.max(axis=1) - lowest <= spread * np.abs(lowest)] = 'spread'
+        if target is not None:
+            reasons[lowest <= target] = 'target'
         going = reasons == ''
         if not going.all():
             ended = active[~going]
             points[:, ended], taken[ended] = best_points(x, values)[:, ~going], generation
             stopped_by[ended] = reasons[~going]
             active, state = active[going], tuple(array[..., going, :] for array in state)
-        if progress is not None and generation:
+        if progress is not None and (generation % REPORTED == 0 or not active.size):
             progress(generation, float(value.min()))
         if not active.size:
             break
