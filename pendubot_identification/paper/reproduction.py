@@ -5,7 +5,7 @@
 
 import argparse
 import time
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,13 +28,6 @@ from . import paper_tables, trials
 from .paper_tables import Table
 from .trials import ALGORITHMS, TARGET, Outcome
 
-#: The parts by their method of :class:`Reproduction`.
-EXPERIMENTS = {
-    'competition': ('table4', 'figure1'),
-    'identification': ('table7', 'table8'),
-    'sweep': ('threshold', 'operator'),
-}
-PARTS = tuple(part for parts in EXPERIMENTS.values() for part in parts)
 SAMPLE = 'bags/paper_experiment'
 #: Colour, line style and marker of each algorithm, distinguishable also by colour-blind readers and in greyscale.
 STYLES = {
@@ -62,19 +55,22 @@ measured times. docs/paper.md of the package lists ambiguous or missing details 
 
 def run_reproduce(args: argparse.Namespace) -> int:
     """Run the experiments, write the results, and print their folder."""
-    wanted = tuple(dict.fromkeys(name.strip() for name in args.only.split(','))) if args.only else PARTS
-    if unknown := [name for name in wanted if name not in PARTS]:
-        raise UsageError(f'there is no {unknown[0]!r}; name some of {", ".join(PARTS)}')
+    parts = [part for group in EXPERIMENTS for part in group]
+    wanted = list(dict.fromkeys(name.strip() for name in args.only.split(','))) if args.only else parts
+    if unknown := [name for name in wanted if name not in parts]:
+        raise UsageError(f'there is no {unknown[0]!r}; name some of {", ".join(parts)}')
     if not 1 <= args.runs <= trials.MOST_RUNS:
         raise UsageError(f'--runs is {args.runs}; a number from 1 to {trials.MOST_RUNS} is expected')
     if args.seed < 0:
         raise UsageError(f'the seed is {args.seed}; a whole number of at least 0 is expected')
-    reproduction = Reproduction(OutputFolder(args.output, overwrite=args.force), wanted, args.seed, args.runs)
-    done: list[str] = []
+    folder, texts, done = OutputFolder(args.output, overwrite=args.force), list[str](), list[str]()
     try:
-        for experiment, parts in EXPERIMENTS.items():
-            if selected := [part for part in parts if part in wanted]:
-                getattr(reproduction, experiment)()
+        for group, experiment in EXPERIMENTS.items():
+            if selected := [part for part in group if part in wanted]:
+                for part, files, text in experiment(args.seed, args.runs):
+                    if part in wanted:
+                        folder.write(files)
+                        texts += [text] if text else []
                 done += selected
     except KeyboardInterrupt:
         raise PendubotError(
@@ -82,87 +78,86 @@ def run_reproduce(args: argparse.Namespace) -> int:
             'For the rest run it again with --only and another --output'
         ) from None
     finally:
-        only = '' if len(wanted) == len(PARTS) else f' --only {",".join(wanted)}'
-        reproduction.write_index(only, [part for part in wanted if part not in done])
+        only = '' if len(wanted) == len(parts) else f' --only {",".join(wanted)}'
+        if missing := [part for part in wanted if part not in done]:
+            texts.insert(0, f'**Not finished:** {", ".join(missing)} are missing here.\n')
+        head = HEAD.format(only=only, runs=args.runs, seed=args.seed, version=__version__)
+        folder.write({'index.md': '\n'.join([head, *texts])})
     print(f'{", ".join(done)}: read {args.output / "index.md"}')
     return 0
 
 
-class Reproduction:
-    """The experiments, one method each, which writes its wanted parts.
+#: The part of the reproduction, the files with their contents, and the text in index.md.
+Output = tuple[str, Mapping[str, Any], str]
 
-    ``runs`` is the number of runs of a table.
-    """
 
-    def __init__(self, folder: OutputFolder, wanted: Collection[str], seed: int, runs: int) -> None:
-        self._folder, self._wanted, self._seed, self._runs = folder, wanted, seed, runs
-        #: The parts of index.md.
-        self._texts: list[str] = []
+def _competition(seed: int, runs: int) -> Iterator[Output]:
+    """Run four algorithms on four functions."""
+    outcomes, seconds = _timed('competition', trials.competition(seed, runs))
+    for table in paper_tables.table_4(outcomes, runs):
+        yield _written('table4', table)
+    times = paper_tables.times(outcomes, seconds)
+    yield 'table4', {'times.md': times.markdown(), 'times.csv': times.csv()}, ''
+    with style():
+        files = rendered(_convergence(outcomes))
+    caption = (
+        'Figure 1: median of the best error so far of all runs, shaded from 10th to 90th percentile; the marker is at '
+        'the end of the last run'
+    )
+    text = f'![{caption}](figures/figure1.png)\n\n{caption} ([SVG](figures/figure1.svg))\n'
+    yield 'figure1', {f'figures/figure1.{ending}': content for ending, content in files.items()}, text
 
-    def competition(self) -> None:
-        """Run four algorithms on four functions."""
-        outcomes, seconds = self._run('competition', trials.competition(self._seed, self._runs))
-        self._add_tables(*paper_tables.table_4(outcomes, self._runs))
-        if 'table4' in self._wanted:
-            times = paper_tables.times(outcomes, seconds)
-            self._folder.write({'times.md': times.markdown(), 'times.csv': times.csv()})
-        if 'figure1' in self._wanted:
-            with style():
-                files = rendered(_convergence(outcomes))
-            self._folder.write({f'figures/figure1.{ending}': content for ending, content in files.items()})
-            caption = (
-                'Figure 1: median of the best error so far of all runs, shaded from 10th to 90th percentile; the '
-                'marker is at the end of the last run'
-            )
-            self._texts.append(f'![{caption}](figures/figure1.png)\n\n{caption} ([SVG](figures/figure1.svg))\n')
 
-    def identification(self) -> None:
-        """Identify the sample bag with the paper's criterion and MDE."""
-        data = _sample()
-        # With spread 0, every run has all generations, as in the paper.
-        settings = Settings(('energy',), 'viscous', 'mde', spread=0.0, runs=self._runs, seed=self._seed)
-        with _progress('identification') as bar:
+def _identification(seed: int, runs: int) -> Iterator[Output]:
+    """Identify the sample bag with the paper's criterion and MDE."""
+    data = _sample()
+    # With spread 0, every run has all generations, as in the paper.
+    settings = Settings(('energy',), 'viscous', 'mde', spread=0.0, runs=runs, seed=seed)
+    with _progress('identification') as bar:
 
-            def report(step: str, done: int, of: int, best: float) -> None:
-                bar.total = of or None
-                bar.update(done - bar.n)
+        def report(step: str, done: int, of: int, best: float) -> None:
+            bar.total = of or None
+            bar.update(done - bar.n)
 
-            best = identify(data.training, data.validation, settings, report).best
-        samples, (mde, _) = [source.samples for source in data.sources], settings.search('energy', 'viscous')
-        self._add_tables(paper_tables.table_7(best, mde, samples), paper_tables.table_8(best))
+        best = identify(data.training, data.validation, settings, report).best
+    samples, (mde, _) = [source.samples for source in data.sources], settings.search('energy', 'viscous')
+    yield _written('table7', paper_tables.table_7(best, mde, samples))
+    yield _written('table8', paper_tables.table_8(best))
 
-    def sweep(self) -> None:
-        """Run MDE with every threshold, per component and per vector."""
-        regression = energy_regression(_sample().training[0])
-        criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(MODELS['viscous'])
-        outcomes, _ = self._run('sweep', trials.sweep(self._seed, self._runs, criterion, bounds))
-        self._add_tables(paper_tables.threshold_table(outcomes), paper_tables.operator_table(outcomes))
 
-    def write_index(self, only: str, missing: Collection[str]) -> None:
-        """Write index.md with all finished parts; ``only`` is the given option, ``missing`` are unfinished parts."""
-        head = HEAD.format(only=only, runs=self._runs, seed=self._seed, version=__version__)
-        left_out = [f'**Not finished:** {", ".join(missing)} are missing here.\n'] if missing else []
-        self._folder.write({'index.md': '\n'.join([head, *left_out, *self._texts])})
+def _sweep(seed: int, runs: int) -> Iterator[Output]:
+    """Run MDE with every threshold, per component and per vector."""
+    regression = energy_regression(_sample().training[0])
+    criterion, bounds = Quadratic.reduce(regression.phi, regression.y), default_bounds().of(MODELS['viscous'])
+    outcomes, _ = _timed('sweep', trials.sweep(seed, runs, criterion, bounds))
+    yield _written('threshold', paper_tables.threshold_table(outcomes))
+    yield _written('operator', paper_tables.operator_table(outcomes))
 
-    def _run(self, experiment: str, outcomes: Iterable[trials.Outcome]) -> tuple[list[trials.Outcome], list[float]]:
-        """Return the outcomes of an experiment and the time of each [s]."""
-        done: list[trials.Outcome] = []
-        ends = [time.perf_counter()]
-        with _progress(experiment) as bar:
-            for outcome in outcomes:
-                ends.append(time.perf_counter())
-                done.append(outcome)
-                bar.set_postfix_str(f'{outcome.algorithm} on {outcome.function}', refresh=False)
-                bar.update()
-        return done, np.diff(ends).tolist()
 
-    def _add_tables(self, *tables: Table) -> None:
-        """Write the tables that belong to a wanted part, for example table4_order to table4."""
-        for table in tables:
-            if table.name.partition('_')[0] in self._wanted:
-                name = f'tables/{table.name}'
-                self._folder.write({f'{name}.md': table.markdown(), f'{name}.csv': table.csv()})
-                self._texts.append(table.markdown())
+#: The experiments by the parts that they give.
+EXPERIMENTS = {
+    ('table4', 'figure1'): _competition,
+    ('table7', 'table8'): _identification,
+    ('threshold', 'operator'): _sweep,
+}
+
+
+def _written(part: str, table: Table) -> Output:
+    text = table.markdown()
+    return part, {f'tables/{table.name}.md': text, f'tables/{table.name}.csv': table.csv()}, text
+
+
+def _timed(experiment: str, outcomes: Iterable[Outcome]) -> tuple[list[Outcome], list[float]]:
+    """Return the outcomes of an experiment and the time of each [s]."""
+    done: list[Outcome] = []
+    ends = [time.perf_counter()]
+    with _progress(experiment) as bar:
+        for outcome in outcomes:
+            ends.append(time.perf_counter())
+            done.append(outcome)
+            bar.set_postfix_str(f'{outcome.algorithm} on {outcome.function}', refresh=False)
+            bar.update()
+    return done, np.diff(ends).tolist()
 
 
 def _progress(experiment: str) -> Any:
