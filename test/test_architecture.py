@@ -18,23 +18,6 @@ from test.conftest import ROOT
 #: Modules with another name on PyPI, or a rosdep key other than python3-NAME.
 PYPI = {'serial': 'pyserial', 'yaml': 'PyYAML'}
 ROSDEP = {'mcap': 'mcap-ros2-support', 'rosbags': 'python3-rosbags-pip', 'urdf_parser_py': 'urdfdom_py'}
-#: Packages without a rosdep key; tests that import one are skipped if it is absent.
-NO_ROSDEP = {
-    'casadi',
-    'mujoco',
-    'nbclient',
-    'nbformat',
-    'openpyxl',
-    'pandas',
-    'pendubot_interfaces',
-    'pinocchio',
-    'axe_playwright_python',
-    'playwright',
-    'pyarrow',
-    'argcomplete',
-    'swarmops',
-    'typing_extensions',
-}
 #: Optional dependencies; a message names the command that installs them.
 OPTIONAL = {'aiohttp', 'openpyxl', 'pandas', 'pendubot_interfaces', 'pyarrow', 'argcomplete'}
 #: Dependencies of mcap, without a rosdep key of their own.
@@ -55,32 +38,24 @@ def test_import_contracts_hold_and_detect_an_import_of_ros_in_a_criterion(tmp_pa
 
 
 def imported(folder):
-    """Return the packages that a folder imports, except the standard library, ours and benchmarks' competitors."""
+    """Return the packages that a folder imports and needs, except the standard library, ours and OF_MCAP.
+
+    Imports in a try statement, for types alone, and in a test file with importorskip, need no package.
+    """
     found = set()
     for path in (path for path in (ROOT / folder).rglob('*.py') if 'benchmark' not in path.parts):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                found |= {alias.name.split('.')[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.level == 0:
-                found.add(node.module.split('.')[0])
-            elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'pytest.importorskip':
-                found |= {argument.value for argument in node.args if isinstance(argument, ast.Constant)}
+        text = path.read_text()
+        tree = ast.parse(text)
+        blocks = [node for node in ast.walk(tree) if isinstance(node, ast.Try)]
+        blocks += [node for node in ast.walk(tree) if isinstance(node, ast.If) and 'TYPE_CHECKING' in ast.dump(node.test)]
+        without = {id(node) for block in blocks for node in ast.walk(block)}
+        for node in (node for node in ast.walk(tree) if id(node) not in without):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and node.level == 0:
+                names = [node.module]
+            packages = {name.split('.')[0] for name in names}
+            found |= {name for name in packages if f"importorskip('{name}')" not in text}
     return found - {*sys.stdlib_module_names, *OF_MCAP, 'pendubot_identification', 'benchmarks', 'test'}
-
-
-def test_tests_that_import_packages_without_rosdep_key_are_skipped_without_them():
-    """``colcon test`` has only the dependencies of package.xml, and one failed import ends all tests."""
-    unguarded = set()
-    for path in (ROOT / 'test').rglob('*.py'):
-        tree = ast.parse(path.read_text())
-        blocks = [node for node in ast.walk(tree) if isinstance(node, ast.Try | ast.If)]
-        guarded = {id(node) for block in blocks for node in ast.walk(block)}
-        for node in (node for node in ast.walk(tree) if id(node) not in guarded):
-            if isinstance(node, ast.Import | ast.ImportFrom):
-                names = [node.module or ''] if isinstance(node, ast.ImportFrom) else [each.name for each in node.names]
-                needed = {name.split('.')[0] for name in names} & (NO_ROSDEP | OPTIONAL)
-                unguarded |= {(path, name) for name in needed if f"importorskip('{name}')" not in ast.unparse(tree)}
-    assert not unguarded
 
 
 def required(argument):
@@ -92,14 +67,15 @@ def required(argument):
 
 
 def test_package_xml_and_setup_py_declare_every_imported_package():
+    """``colcon test`` has only the dependencies of package.xml, and one failed import ends all tests."""
     package = ElementTree.parse(ROOT / 'package.xml').getroot()
     assert 'python3-markupsafe' not in {each.text for each in package.iter()}, 'rosdep has no such key'
     code = (imported('pendubot_identification') | imported('launch')) - OPTIONAL
-    tests = imported('test') - code - NO_ROSDEP - OPTIONAL
+    tests = imported('test') - code
     for names, kind, argument in ((code, 'exec', 'install_requires'), (tests, 'test', 'extras_require')):
         keys, on_pypi = {each.text for each in package.iter(f'{kind}_depend')}, required(argument)
         for name in names - {'markupsafe'}:  # a dependency of python3-jinja2, without a rosdep key
             key = {name, f'python3-{name}', ROSDEP.get(name)} & keys
-            assert key, f'package.xml does not name {name}'
+            assert key, f'package.xml does not name {name}: declare it, or skip the tests without it by importorskip'
             # Packages whose key is their name belong to ROS.
             assert key == {name} or PYPI.get(name, name) in on_pypi, f'setup.py does not name {name}'
