@@ -32,8 +32,8 @@ from pendubot_identification.arrays import Array
 from .errors import ParameterError, PendubotError
 from .files import OutputFolder, write_atomically
 from .formats.export import MEANINGS, export, format_of
+from .identification import APPLY_REMEDIES, OPTIONS
 from .identification.estimate import Progress
-from .identification.options import APPLY_REMEDIES, OPTIONS
 from .level import Level
 from .model import dynamics, simulation
 from .model.parameters import SPECIFICATIONS, Parameters

@@ -34,7 +34,7 @@ from pendubot_identification import (
 )
 from pendubot_identification.control.linear_control import linearise
 from pendubot_identification.formats.export import export
-from pendubot_identification.identification.options import OPTIONS
+from pendubot_identification.identification import OPTIONS
 from pendubot_identification.model.dynamics import energy
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS

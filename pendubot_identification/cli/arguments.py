@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from pendubot_identification import __version__, kernel
-from pendubot_identification.identification import options as estimation
+from pendubot_identification import identification as estimation
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting, flag

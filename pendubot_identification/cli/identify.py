@@ -13,7 +13,7 @@ from typing import Any
 
 from pendubot_identification.errors import UsageError, wrong_usage
 from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
-from pendubot_identification.identification.options import APPLY_REMEDIES, MDE_OPTIONS, OPTIONS
+from pendubot_identification.identification import APPLY_REMEDIES, MDE_OPTIONS, OPTIONS
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import MODELS, NAMES

@@ -10,7 +10,7 @@ from typing import Any
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.files import read_yaml
-from pendubot_identification.identification.options import APPLY_REMEDIES, OPTIONS
+from pendubot_identification.identification import APPLY_REMEDIES, OPTIONS
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
 from pendubot_identification.trajectories.conversion import Conversion

@@ -19,9 +19,9 @@ from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
+from . import DELAYS
 from .conventions import Fault
 from .estimate import Estimate
-from .options import DELAYS
 from .settings import Settings
 
 SEVEN = NAMES[: MODELS['viscous']]

@@ -37,7 +37,7 @@ from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.trajectories.conversion import Affine, Conversion
 from pendubot_identification.trajectories.motion import Motion
 
-from .options import DELAYS
+from . import DELAYS
 from .settings import Settings
 from .uncertainty import regression_covariance
 

@@ -12,11 +12,11 @@ from pendubot_identification.level import Level
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
+from . import CRITERIA
 from .conventions import Fault
 from .effects import DetectedEffect, compensated
 from .estimate import Estimate
 from .fitting import Composite, TrainingData
-from .options import CRITERIA
 from .settings import Settings
 from .validation import Fold
 

@@ -23,7 +23,7 @@ from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .options import CRITERIA, DELAYS, OPTIONS, SPREAD
+from . import CRITERIA, DELAYS, OPTIONS, SPREAD
 
 #: Default number of runs of MDE, as in the paper.
 RUNS = 10
@@ -33,7 +33,7 @@ RUNS = 10
 class Settings:
     """The criteria, the model, the data and the optimiser of an identification.
 
-    The fields correspond to :data:`.options.OPTIONS`, which describes them; None stands for the default. These fields
+    The fields correspond to :data:`.identification.OPTIONS`, which describes them; None stands for the default. These
     differ:
 
     Attributes:

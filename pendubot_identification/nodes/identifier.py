@@ -20,7 +20,7 @@ from std_msgs.msg import String
 from pendubot_identification.errors import PendubotError, ResultError
 from pendubot_identification.files import refuse_input, refuse_unwritable, write_atomically
 from pendubot_identification.formats.export import export
-from pendubot_identification.identification.options import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
+from pendubot_identification.identification import APPLY_REMEDIES, CRITERION, DELAY, DELAYS, OPTIONS, PER_VECTOR
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.recordings.bag_reader import BagWindow

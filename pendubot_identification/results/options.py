@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pendubot_identification.errors import ParameterError
-from pendubot_identification.identification.options import OPTIONS, START
+from pendubot_identification.identification import OPTIONS, START
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
 from pendubot_identification.setting import interval

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pendubot_identification.errors import BagError, MissingFileError
-from pendubot_identification.identification.options import DELAYS, SPREAD
+from pendubot_identification.identification import DELAYS, SPREAD
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNDER_LOAD, Bounds
 from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory

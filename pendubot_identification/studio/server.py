@@ -27,7 +27,7 @@ from typing import Any
 from aiohttp import web
 
 from pendubot_identification.errors import MissingFileError, PendubotError, UsageError
-from pendubot_identification.identification.options import APPLY_REMEDIES, EXPERT_OPTIONS, OPTIONS, START
+from pendubot_identification.identification import APPLY_REMEDIES, EXPERT_OPTIONS, OPTIONS, START
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import CONVERSION
