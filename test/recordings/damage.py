@@ -5,7 +5,6 @@
 
 import random
 from dataclasses import dataclass
-from functools import partial
 
 from pendubot_identification.errors import BagError
 from pendubot_identification.recordings.bag_reader import BagReader
@@ -74,15 +73,11 @@ def cut(data, random_):
     return data[: random_.randrange(len(data))]
 
 
-def change(data, random_, count=1):
-    """Return data with random bytes changed."""
+def change(data, random_):
+    """Return data with a random byte changed."""
     changed = bytearray(data)
-    for _ in range(count):
-        changed[random_.randrange(len(data))] ^= random_.randrange(1, 256)
+    changed[random_.randrange(len(data))] ^= random_.randrange(1, 256)
     return bytes(changed)
-
-
-change_five = partial(change, count=5)
 
 
 def flip(file, at, bits=1):

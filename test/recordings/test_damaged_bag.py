@@ -29,12 +29,13 @@ def without_fsync(monkeypatch):
 
 
 @pytest.mark.parametrize('closed', [True, False])
-@pytest.mark.parametrize(('alter', 'trials'), [(damage.cut, 12), (damage.change, 15), (damage.change_five, 15)])
-def test_intact_messages_are_read_and_saved_and_losses_are_reported(tmp_path, alter, trials, closed):
-    for outcome, before in damage.damaged_bags(tmp_path, trials, alter, closed=closed):
+@pytest.mark.parametrize('alter', [damage.cut, damage.change])
+def test_intact_messages_are_read_and_saved_and_losses_are_reported(tmp_path, alter, closed):
+    """The benchmark of faults has a thousand of these trials."""
+    for outcome, before in damage.damaged_bags(tmp_path, 10, alter, closed=closed):
         assert outcome.silent == 0
         # A wrong length hides the rest of a file without an index.
-        lost = damage.CHUNK if alter is damage.cut or (closed and alter is damage.change) else before
+        lost = damage.CHUNK if closed or alter is damage.cut else before
         assert before - lost <= outcome.saved <= before
         assert outcome.refused or before - lost <= outcome.read <= before
         if alter is damage.cut:
