@@ -107,7 +107,7 @@ def fills_up(folder, _):
         reserve = shutil.disk_usage(disk).free - ROOM
         with Observer(rclpy) as observer, recorder(path, '/full', reserve=reserve) as program:
             message = joint_state(0)
-            message.header.frame_id = 'x' * 100_000
+            message.header.frame_id = 'x' * 400_000
             publisher = observer.node.create_publisher(JointState, '/full', 10)
             wait_for_subscriptions(publisher)
             sent = 0
