@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from tqdm import tqdm
 
 from pendubot_identification.identification.estimate import Progress
-from pendubot_identification.report.tables import own_warnings, parameter_table, remarks
+from pendubot_identification.report.tables import parameter_table, remarks, wrapped
 from pendubot_identification.results.result import Result
 
 #: Largest readable width of text [columns]; largest number of lines of a brief text, including lines about files.
@@ -50,23 +50,14 @@ def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
 
 
 def brief(result: Result, files: int) -> str:
-    """Return a result in at most :data:`LINES` - ``files`` lines; the last line counts the omitted remarks."""
+    """Return a result in at most :data:`LINES` - ``files`` lines."""
     table, title = parameter_table(result), f'{result.model} model, by the criterion {result.criterion}'
     rows = table.text().splitlines()[: 1 + len(table.rows)]  # without notes
     head = [*_sources(result), '', title, *rows, '', *_prediction(result), '']
     design = ['pendubot excite --design proposes a more informative motion'] if result.advice else []
     shown = [*remarks(result), *(f'to do: {sentence}' for sentence in (*result.advice, *design))]
-    room, lines = LINES - files - len(head), list[str]()
-    left_out = len(own_warnings(result))
-    for remark in shown:
-        paragraph = textwrap.wrap(remark, columns(), subsequent_indent='  ', break_on_hyphens=False)
-        # The first remark is always shown, and one line is reserved for the last line.
-        if lines and len(lines) + len(paragraph) >= room:
-            left_out += 1
-        else:
-            lines += paragraph
-    more = f'{left_out} more remark{"s"[: left_out != 1]}, and all tables' if left_out else 'all tables'
-    return '\n'.join([*head, *lines[: room - 1], f'{more}: add --verbose'])
+    lines = [line for remark in shown for line in wrapped(remark, columns()).splitlines()]
+    return '\n'.join([*head, *lines[: LINES - files - len(head) - 1], 'all remarks and tables: add --verbose'])
 
 
 def _sources(result: Result) -> list[str]:

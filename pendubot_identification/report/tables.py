@@ -81,9 +81,9 @@ def typeset(text: str) -> str:
     return re.sub(r'\^(-?\d)', lambda found: found[1].translate(SUPERSCRIPTS), text)
 
 
-def wrapped(text: str) -> str:
+def wrapped(text: str, width: int = WIDTH) -> str:
     """Return a paragraph wrapped to the width of a terminal; names of files stay complete."""
-    return textwrap.fill(text, WIDTH, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(text, width, subsequent_indent='  ', break_long_words=False, break_on_hyphens=False)
 
 
 def estimate(entry: Parameter, format: str) -> str:
