@@ -99,8 +99,7 @@ def test_a_killed_bag_becomes_a_closed_copy(run, tmp_path):
     assert BagReader(tmp_path / 'swing' / 'swing_0_repaired').closed, 'the copy of a single file must be beside it'
 
 
-@pytest.mark.parametrize('samples', [40, 70])
-@pytest.mark.parametrize('command', ['identify', 'track'])
+@pytest.mark.parametrize(('command', 'samples'), [('identify', 40), ('track', 70)])
 def test_a_truncated_bag_is_named_as_the_cause_of_a_failure(run, tmp_path, command, samples):
     assert run('simulate', '--output', 'swing', '--samples', samples)[0] == 0
     (file,) = (tmp_path / 'swing').glob('*.mcap')

@@ -89,7 +89,7 @@ def test_a_terminal_shows_progress_time_and_best_value_but_not_with_json(tmp_pat
     assert done == sorted(done)
     assert best == sorted(best, reverse=True)
     assert 'MDE' not in drawn.rsplit('\r', 1)[-1].split('\n')[0], 'the bar must be removed at the end'
-    assert json.loads(in_a_terminal(*command, '--json'))['criterion'] == 'energy'
+    assert json.loads(in_a_terminal(*PENDUBOT, 'identify', SAMPLE, *FAST, '--json'))['criterion'] == 'energy'
 
 
 def test_a_closed_stdout_causes_no_error():
@@ -139,20 +139,22 @@ def child(*arguments, **options):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, **options)
 
 
-def imported(*arguments):
-    return set(json.loads(child('-c', CHILD, *arguments, check=True).stderr.splitlines()[-1]))
-
-
 @pytest.mark.parametrize(
-    ('arguments', 'unwanted'),
+    ('arguments', 'unwanted', 'shown'),
     [
-        (['identify', '--help'], {'numpy', 'mcap', 'rosbags', 'yaml', 'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
-        (['info', SAMPLE], {'scipy', 'matplotlib', 'tqdm', 'jinja2'}),
-        (['identify', SAMPLE, *FAST], {'matplotlib', 'jinja2'}),
+        (
+            ['identify', '--help'],
+            {'numpy', 'mcap', 'rosbags', 'yaml', 'scipy', 'matplotlib', 'tqdm', 'jinja2'},
+            'usage',
+        ),
+        (['info', SAMPLE], {'scipy', 'matplotlib', 'tqdm', 'jinja2'}, 'messages'),
+        (['identify', SAMPLE, *FAST, '--verbose'], {'matplotlib', 'jinja2'}, r'\xb1'),
     ],
 )
-def test_unneeded_modules_are_not_imported(arguments, unwanted):
-    modules = imported(*arguments)
+def test_unneeded_modules_are_not_imported_and_an_ascii_terminal_shows_all_signs(arguments, unwanted, shown):
+    ended = child('-c', CHILD, *arguments, env={**os.environ, 'PYTHONIOENCODING': 'ascii'}, check=True)
+    modules = {*json.loads(ended.stderr)}
+    assert shown in ended.stdout
     assert ('numpy' in modules) == ('numpy' not in unwanted)
     assert not modules & {*unwanted, 'rclpy'}
 
@@ -167,13 +169,6 @@ def test_version_shows_whether_the_kernel_is_used():
 def test_the_variable_pendubot_threads_limits_the_kernel(given, threads):
     command = ('-c', 'import pendubot_identification.kernel as kernel; print(kernel.threads)')
     assert int(child(*command, env={**os.environ, 'PENDUBOT_THREADS': given}, check=True).stdout) == threads
-
-
-def test_signs_beyond_ascii_are_escaped_on_an_ascii_terminal(inputs):
-    command = ('-m', 'pendubot_identification.cli.main', 'identify', inputs / 'swing', *FAST, '--verbose')
-    result = child(*command, env={**os.environ, 'PYTHONIOENCODING': 'ascii'})
-    assert (result.returncode, result.stderr) == (0, '')
-    assert r'\xb1' in result.stdout
 
 
 def test_the_demo_without_ros_reports_it():
