@@ -32,7 +32,6 @@ SETTINGS = {
     'MDE': MDESettings(population=50, generations=4000, target=TARGET),
     PER_VECTOR: MDESettings(population=50, generations=4000, per_component=False, target=TARGET),
 }
-HDE_RATE = 0.01
 
 #: Number of runs for a success rate, per run of the paper's tables.
 MANY = 10
@@ -53,7 +52,7 @@ def compete(algorithm: str, function: BenchmarkFunction, n: int, *, runs: int, s
         return pso(f, bounds, target=TARGET, runs=runs, seed=seed)
     settings = SETTINGS[algorithm]
     if algorithm == 'HDE':
-        return hde(f, function.gradient, bounds, settings, rate=HDE_RATE, runs=runs, seed=seed)
+        return hde(f, function.gradient, bounds, settings, runs=runs, seed=seed)
     return mde(f, bounds, settings, runs=runs, seed=seed)
 
 
