@@ -50,14 +50,13 @@ class Estimate(NamedTuple):
         """The standard error of each unknown, shape (D,)."""
         return np.asarray(np.sqrt(np.square(self.root).sum(axis=1)))
 
-    def time_update(self, deviation: Array, drift: Array) -> Estimate:
-        """Return the estimate after a random step of each unknown with this deviation, shape (D,).
+    def time_update(self, steps: Array, transition: Array | None = None) -> Estimate:
+        """Return the estimate after a linear transition, shape (D, D), and independent random steps.
 
-        ``drift``: change of the other unknowns by a rate of 1, shape (D,).
+        The steps have the deviation 1 along the columns of ``steps``, shape (D, F).
         """
-        transition = np.eye(len(drift))
-        transition[:, -1] += drift
-        return Estimate(transition @ self.mean, _triangular_root(transition @ self.root, np.diag(deviation)))
+        transition = np.eye(len(self.mean)) if transition is None else transition
+        return Estimate(transition @ self.mean, _triangular_root(transition @ self.root, steps))
 
     def measurement_update(self, innovations: Innovations) -> Estimate:
         """Return the estimate after the measurements of its innovations."""
@@ -65,16 +64,6 @@ class Estimate(NamedTuple):
         information = _triangular_root(np.eye(len(phi)), (phi @ self.root).T)
         root = np.linalg.solve(information, self.root.T).T
         return Estimate(self.mean + root @ (root.T @ (phi.T @ y)), root)
-
-    def inflate_covariance(self, directions: Array) -> Estimate:
-        """Return the estimate after independent steps of deviation 1 along the columns, shape (D, F)."""
-        return Estimate(self.mean, _triangular_root(self.root, directions))
-
-    def with_rate(self, deviation: float) -> Estimate:
-        """Return the estimate with an unknown rate of mean 0 and this deviation."""
-        known = np.append(np.ones(len(self.mean) - 1), 0.0)
-        rate = np.diag(deviation * (1 - known))
-        return Estimate(known * self.mean, _triangular_root(known[:, None] * self.root, rate))
 
     def information_root(self, count: int) -> Array:
         """Return W, where W'W is the information on the first unknowns alone, shape (count, count)."""

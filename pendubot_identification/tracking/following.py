@@ -95,7 +95,10 @@ class Following:
 
     def after(self, estimate: Estimate, now: float) -> Following:
         """Return this state with another estimate, from which the rival hypothesis restarts."""
-        rival = estimate.with_rate(self.scale[-1] * (self.settings.inertia_walk if self.drifts else 1.0))
+        unknowns = np.eye(len(self.scale))
+        deviation = self.scale[-1] * (self.settings.inertia_walk if self.drifts else 1.0)
+        forget_rate = np.diag(np.append(np.ones(len(unknowns) - 1), 0.0))
+        rival = estimate.time_update(deviation * unknowns[:, -1:], forget_rate)
         return replace(self, estimate=estimate, rival=rival, page=0.0, onset=now)
 
 
@@ -126,10 +129,11 @@ def predict(now: Following, block: Block) -> Following:
 
 def _advance(now: Following, estimate: Estimate, elapsed: float, drifting: float, drifts: bool) -> Estimate:
     """Return the estimate after a time [s]; the gain drifts for ``drifting`` [s]."""
-    walk = now.walk.copy()
+    walk, transition = now.walk.copy(), np.eye(len(now.walk))
     if drifts:
         walk[-1] = now.scale[-1] * now.settings.rate_walk
-    return estimate.time_update(walk * math.sqrt(elapsed), drifting * _drift(estimate))
+    transition[:, -1] += drifting * _drift(estimate)
+    return estimate.time_update(np.diag(walk * math.sqrt(elapsed)), transition)
 
 
 def _drift(estimate: Estimate) -> Array:
@@ -199,7 +203,7 @@ def _detect_step(now: Following) -> tuple[StepChange, tuple[Prediction, ...]] | 
 
 def _take_step(now: Following, chosen: StepChange, blocks: Sequence[Prediction]) -> Following:
     """Return the estimate after a step that the newest blocks show."""
-    estimate = blocks[0].before.inflate_covariance(chosen.kind.directions)
+    estimate = blocks[0].before.time_update(chosen.kind.directions)
     estimate = estimate.measurement_update(Innovations.of(estimate, [each.rows for each in blocks]))
     estimate = _advance(now, estimate, BLOCK, BLOCK * (len(blocks) - 1), now.drifts)
     # The step may be in earlier waiting blocks, or under the last test functions of the block before.
@@ -222,7 +226,7 @@ def _take_rival(now: Following) -> Following:
     begin = now.onset - now.settings.window * BLOCK
     drift = (end - begin) * _drift(now.rival)
     rate = max(abs(now.estimate.mean[-1]), abs(now.rival.mean[-1]))
-    estimate = now.rival.inflate_covariance(rate * drift[:, None])
+    estimate = now.rival.time_update(rate * drift[:, None])
     taken = replace(now, drifts=not now.drifts, recent=()).after(estimate, end)
     if now.drifts:
         return taken
