@@ -4,12 +4,9 @@
 """Tracking of simulated and real rigs: true parameters, reported changes, and warnings."""
 
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from benchmarks.tracking.recovery import trial
 from pendubot_identification.errors import ParameterError
@@ -41,6 +38,10 @@ DAYS = {
     'dead zone': Day(dead_zone=0.02, dead_zone_at=AT),
     'initial tilt': Day(tilt=0.05, tilt_at=0.0),
     'initial dead zone': Day(dead_zone=0.02, dead_zone_at=0.0),
+    **{
+        where: Day(payload=0.2, payload_at=16.0, payload_where=where, rests=((15.9, 17.4),))
+        for where in (C2, PERCUSSION)
+    },
 }
 
 #: Imperfections that the weak residuals of one motion show.
@@ -89,9 +90,9 @@ def test_wrong_samples_do_not_make_a_covariance_indefinite(rigs):
 
 
 def swapped(samples):
-    """Return the first 10 s, with the joints swapped for two samples: one block determines the start."""
+    """Return the first 9 s, with the joints swapped for two samples: one block determines the start."""
     samples[242:244, 1:3] = samples[242:244, 2:0:-1]
-    return samples[:2000]
+    return samples[:1800]
 
 
 @pytest.mark.parametrize(
@@ -144,23 +145,21 @@ def test_the_interval_of_a_change_contains_its_time():
 
 
 def test_a_payload_added_at_rest_and_followed_by_a_free_fall_is_estimated():
-    trials = [trial(0.06, seed, tracked=True) for seed in range(3)]
-    assert np.median([seconds for seconds, *_ in trials]) < 4
-    for _, _, theta in trials:
+    for seed in range(2):
+        seconds, _, theta = trial(0.06, seed, tracked=True)
+        assert seconds < 4.5
         assert np.abs(theta / BALANCE.carrying(0.06).vector('viscous') - 1)[:5].max() < 0.01
 
 
 @pytest.mark.parametrize('where', [C2, PERCUSSION])
-def test_a_payload_added_in_free_motion_is_classified(where):
+def test_a_payload_added_in_free_motion_is_classified(rigs, where):
     """Without torque, zero parameters explain every motion.
 
     A payload at the centre of percussion is then indistinguishable from a lighter link 1.
     """
-    day = Day(payload=0.2, payload_at=16.0, payload_where=where, rests=((15.9, 17.4),))
-    t, q, tau = record([0], [day], seconds=20.0)
-    _, states, events = track(np.column_stack([t, q[0], tau[0], 0 * t]))
+    _, states, events = track(rigs[where][:4000])
     assert [event.kind for event in events] == ['payload on link 2']
-    true = truth(day, [s.t for s in states])
+    true = truth(DAYS[where], [s.t for s in states])
     assert all((s.theta[:5] > 0.75 * now[:5]).all() for s, now in zip(states, true, strict=True))
 
 
@@ -208,18 +207,12 @@ def test_pushes_by_hand_are_disturbances_and_do_not_bias_the_parameters(rigs):
     assert max(s.unexplained for s in alone) < 0.01
 
 
-@settings(max_examples=5, deadline=None)
-@given(st.data())
-def test_states_do_not_depend_on_the_portions_of_samples(rigs, data):
-    samples = rigs['payload'][:6000]
-    cuts = sorted(data.draw(st.lists(st.integers(2000, 6000), max_size=30)))
-    tracker = Tracker(Start(delays=(0.0, 0.0)))
-    list(tracker.feed(samples[:2100]))
-    other = Tracker(Start(delays=(0.0, 0.0)))
-    list(other.feed(samples[:2100]))
-    one = [e for e in tracker.feed(samples[2100:]) if isinstance(e, State)]
-    ends = [2100, *(c for c in cuts if c > 2100), 6000]
-    many = [e for a, b in pairwise(ends) for e in other.feed(samples[a:b]) if isinstance(e, State)]
+def test_states_do_not_depend_on_the_portions_of_samples(rigs):
+    samples, start = rigs['payload'][:6000], Start(delays=(0.0, 0.0))
+    _, one, _ = track(samples, start, portion=2100)
+    cuts = 2100, *np.sort(np.random.default_rng(1).integers(2100, 6000, 30))
+    tracker = Tracker(start)
+    many = [e for part in np.split(samples, cuts) for e in tracker.feed(part) if isinstance(e, State)]
     assert len(one) == len(many)
     np.testing.assert_allclose([s.theta for s in one], [s.theta for s in many], rtol=1e-6)
 
@@ -231,26 +224,19 @@ def test_invalid_samples_are_counted_and_ignored(rigs):
     samples[4000:4003, 1] = np.nan
     samples[4500, 0] = np.inf
     samples = np.concatenate([samples[:5000], samples[4990:5000], samples[5000:]])  # repeated
-    gap = np.concatenate([samples[:6000], samples[6200:]])
-    tracker, states, events = track(gap)
+    jumping = np.concatenate([samples[:6000], samples[6200:]])
+    jumping[7000:, 0] -= 1e4
+    jumping[8000:, 0] += 3600
+    tracker, states, events = track(jumping)
     assert not [e for e in events if not isinstance(e, Disturbance)]
     assert tracker.notes == {
         'a number that is not finite': 5,
         'a stamp that repeats or runs back': 11,
-        'a gap between samples': 1,
+        'a gap between samples': 2,
+        'a reset of the clock': 1,
     }
     assert error(tracker.state) < 0.003
     assert all(np.isfinite(s.theta).all() for s in states)
-
-
-@pytest.mark.parametrize('jump', [-1e4, 3600.0])
-def test_a_jump_of_the_clock_is_not_a_change(rigs, jump):
-    samples = rigs['nothing'].copy()
-    samples[5000:, 0] += jump
-    tracker, _, events = track(samples)
-    assert not [e for e in events if not isinstance(e, Disturbance)]
-    assert 'a reset of the clock' in tracker.notes or 'a gap between samples' in tracker.notes
-    assert error(tracker.state) < 0.01
 
 
 @pytest.mark.filterwarnings('error')
@@ -317,10 +303,9 @@ def test_an_effort_at_its_limit_is_reported(rigs):
     assert any('limit' in ' '.join(s.warnings) for s in states if s.t > 36)
 
 
-@settings(max_examples=5, deadline=None)
-@given(st.integers(0, 1000), st.sampled_from([0.003, 0.02, 0.1]))
-def test_parameters_are_physical_and_not_ok_for_meaningless_samples(rigs, seed, size):
-    rng = np.random.default_rng(seed)
+@pytest.mark.parametrize('size', [0.003, 0.02, 0.1])
+def test_parameters_are_physical_and_not_ok_for_meaningless_samples(rigs, size):
+    rng = np.random.default_rng(1)
     samples = rigs['nothing'][:6000].copy()
     garbage = samples[3000:]
     garbage[:, 1:3] = garbage[0, 1:3] + np.cumsum(rng.normal(0, size, (3000, 2)), axis=0)
