@@ -18,14 +18,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import lsq_linear
 
-from pendubot_identification.arrays import Array, Flags
+from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Samples, Term, Vectors, innovations
 from pendubot_identification.model.parameters import repaired
@@ -46,7 +45,7 @@ class LikelihoodSettings:
         intervals: sampling intervals of the filters [s]; beyond 0.2 s the likelihood has wrong optima.
         step: longest Runge-Kutta step [s].
         turn: largest rotation of a joint in a step [rad].
-        freedom: nu, degrees of freedom of the innovations; infinite: Gaussian.
+        freedom: nu, degrees of freedom of the innovations; 1e9: Gaussian.
         offset: standard deviation of the zeros of both positions [rad].
         rest: a sample has no weight if both joints move by at most this number of encoder steps: at rest neither torque
             noise nor quantization is white.
@@ -68,6 +67,17 @@ class LikelihoodSettings:
     slow: float = 0.0
 
 
+class Series(NamedTuple):
+    """The inputs of one filter: a recording at one sampling interval."""
+
+    level: int  #: index of the interval.
+    recording: int  #: index of the recording.
+    chosen: Indices  #: indices of the samples that the filter uses.
+    edges: Array  #: boundaries of its steps [s].
+    last: Indices  #: index of the step that ends at each of these samples but the first.
+    rows: slice  #: its measurements, of those of all filters.
+
+
 @dataclass(frozen=True, slots=True)
 class FilterData:
     """The inputs of the filters for R recordings at K intervals, in the order of :class:`.filter.Samples`.
@@ -75,11 +85,8 @@ class FilterData:
     Attributes:
         motions: the recordings.
         settings: the sampling.
+        series: of each filter.
         samples: without states, torques and positions.
-        chosen: indices of the samples that each filter uses.
-        edges: boundaries of the steps of each filter [s].
-        recording: index of the recording of each filter, shape (G,).
-        rows: slice of the measurements of each filter.
         weight: of each measurement, 1 or, at rest, 0, shape (N,).
         t: time of each measurement [s], shape (N,).
         block: index of the block of time of each measurement, shape (N,).
@@ -89,15 +96,12 @@ class FilterData:
 
     motions: tuple[Motion, ...]
     settings: LikelihoodSettings
+    series: tuple[Series, ...]
     samples: Samples
-    chosen: tuple[NDArray[np.intp], ...]
-    edges: tuple[Array, ...]
-    recording: NDArray[np.intp]
-    rows: tuple[slice, ...]
     weight: Array
     t: Array
-    block: NDArray[np.intp]
-    owner: NDArray[np.intp]
+    block: Indices
+    owner: Indices
     quantization: Array
 
     @classmethod
@@ -105,59 +109,25 @@ class FilterData:
         """Sample recordings at all intervals."""
         settings = settings or LikelihoodSettings()
         quantum = np.max([encoder_step(m.recorded.q) for m in motions], axis=0)
-        ends = np.cumsum([0.0, *(m.end - m.start for m in motions)])
-        parts, row = list[_Series](), 0
+        owner = np.repeat(np.arange(len(motions)), [max(1, round((m.end - m.start) / settings.block)) for m in motions])
+        series, weight, times, block, row = [], [], [], [], 0
         for level, interval in enumerate(settings.intervals):
             for number, motion in enumerate(motions):
                 chosen = _thinned(motion.recorded.t, interval)
                 t = motion.recorded.t[chosen]
-                longest = np.full(len(t) - 1, settings.step)
-                if settings.fine < settings.step:
-                    longest[_slow(motion, chosen, settings.slow)] = settings.fine
-                faster = np.abs(motion.states(t)[2:]).max(axis=0)
-                turns = np.maximum(faster[:-1], faster[1:]) / settings.turn
-                count = np.ceil(np.diff(t) * np.maximum(1 / longest, turns) - 1e-9).astype(int)
-                part = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
-                edges = np.append(t[0], np.repeat(t[:-1], count) + part * np.repeat(np.diff(t) / count, count))
-                rows = np.full(count.sum(), -1)
-                rows[np.cumsum(count) - 1] = row + np.arange(len(t) - 1)
-                elapsed = (ends[number] + (edges[1:] + edges[:-1]) / 2 - motion.start) / ends[-1] - 0.5
-                weight = (~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]]).astype(float)
-                measured = slice(row, row + len(t) - 1)
-                parts.append(_Series(level, number, motion, chosen, t, edges, rows, elapsed, weight, measured))
-                row = measured.stop
-        steps = max(len(p.rows) for p in parts)
-        counts = [max(1, round((m.end - m.start) / settings.block)) for m in motions]
-        owner = np.repeat(np.arange(len(motions)), counts)
-        block = [_blocks(p.motion, np.flatnonzero(owner == p.number), p.t[1:]) for p in parts]
-
-        def padded(values: NDArray[Any], fill: float = 0.0) -> NDArray[Any]:
-            shape = (steps - len(values), *values.shape[1:])
-            return np.concatenate([values, np.full(shape, fill, values.dtype)])
-
-        speed = np.array([0.1 + 0.1 * p.motion.states(p.t)[2:].std(axis=1) for p in parts])
-        spread = np.column_stack([np.maximum(quantum**2 / 12, 1e-10) * np.ones((len(parts), 2)), speed**2])
-        samples = Samples(
-            start=np.empty((0, len(parts), 4)),
-            spread=spread,
-            level=np.array([p.level for p in parts]),
-            length=np.array([len(p.rows) for p in parts]),
-            h=np.array([padded(np.diff(p.edges)) for p in parts]),
-            elapsed=np.array([padded(p.elapsed) for p in parts]),
-            tau=np.empty((0, len(parts), steps, 2)),
-            y=np.empty((0, len(parts), steps, 2)),
-            row=np.array([padded(p.rows, -1) for p in parts]),
-        )
+                edges, last = _steps(motion, chosen, settings)
+                series.append(Series(level, number, chosen, edges, last, slice(row, row + len(last))))
+                weight.append(~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]])
+                times.append(t[1:])
+                block.append(_blocks(motion, np.flatnonzero(owner == number), t[1:]))
+                row += len(last)
         return cls(
             motions=tuple(motions),
             settings=settings,
-            samples=samples,
-            chosen=tuple(p.chosen for p in parts),
-            edges=tuple(p.edges for p in parts),
-            recording=np.array([p.number for p in parts]),
-            rows=tuple(p.measured for p in parts),
-            weight=np.concatenate([p.weight for p in parts]),
-            t=np.concatenate([p.t[1:] for p in parts]),
+            series=tuple(series),
+            samples=_samples(motions, series, quantum),
+            weight=np.concatenate(weight).astype(float),
+            t=np.concatenate(times),
             block=np.concatenate(block),
             owner=owner,
             quantization=np.maximum(quantum**2 / 12, 1e-14),
@@ -168,56 +138,73 @@ class FilterData:
         """The number of measurements with weight 1."""
         return int(self.weight.sum())
 
-    def block_times(self, block: int) -> float:
-        """Return the middle of a block of time [s]."""
-        motion, blocks = self.motions[self.owner[block]], np.flatnonzero(self.owner == self.owner[block])
-        return float(motion.start + (block - blocks[0] + 0.5) / len(blocks) * (motion.end - motion.start))
+    @property
+    def block_times(self) -> Array:
+        """The middle of each block of time [s], shape (B,)."""
+        counts = zip(self.motions, np.bincount(self.owner), strict=True)
+        return np.concatenate([m.start + (np.arange(n) + 0.5) / n * (m.end - m.start) for m, n in counts])
 
-    def block_of(self, recording: int, t: Array) -> NDArray[np.intp]:
+    def block_of(self, recording: int, t: Array) -> Indices:
         """Return the index of the block of time of a recording that contains each of the times t [s]."""
         return _blocks(self.motions[recording], np.flatnonzero(self.owner == recording), t)
 
     def torques(self, motions: Sequence[Motion], delay: float) -> Array:
         """Return mean torques of all steps [N m] with a delay [s], shape (G, S, 2)."""
         tau = np.zeros((*self.samples.h.shape, 2))
-        for g, edges in enumerate(self.edges):
-            impulse = motions[self.recording[g]].impulse(edges - delay)
-            tau[g, : len(edges) - 1] = np.diff(impulse, axis=0) / np.diff(edges)[:, None]
+        for g, each in enumerate(self.series):
+            impulse = motions[each.recording].impulse(each.edges - delay)
+            tau[g, : len(impulse) - 1] = np.diff(impulse, axis=0) / np.diff(each.edges)[:, None]
         return tau
 
     def positions(self, motions: Sequence[Motion]) -> tuple[Array, Array]:
         """Return the initial states and the measured positions, shapes (G, 4), (G, S, 2)."""
-        start, y = np.zeros((len(self.chosen), 4)), np.zeros((*self.samples.h.shape, 2))
-        for g, chosen in enumerate(self.chosen):
-            motion = motions[self.recording[g]]
-            q = motion.recorded.q[chosen]
-            start[g] = [*q[0], *motion.states(motion.recorded.t[chosen[:1]])[2:, 0]]
+        start, y = np.zeros((len(self.series), 4)), np.zeros((*self.samples.h.shape, 2))
+        for g, each in enumerate(self.series):
+            motion = motions[each.recording]
+            q = motion.recorded.q[each.chosen]
+            start[g] = [*q[0], *motion.states(motion.recorded.t[each.chosen[:1]])[2:, 0]]
             y[g, self.samples.row[g] >= 0] = q[1:]
         return start, y
 
 
-class _Series(NamedTuple):
-    """The data of one filter: a recording at one sampling interval."""
+def _steps(motion: Motion, chosen: Indices, settings: LikelihoodSettings) -> tuple[Array, Indices]:
+    """Return the boundaries of the steps of a filter [s], and the index of the step that ends at each sample."""
+    t = motion.recorded.t[chosen]
+    longest = np.full(len(t) - 1, settings.step)
+    if settings.fine < settings.step:
+        longest[_slow(motion, chosen, settings.slow)] = settings.fine
+    faster = np.abs(motion.states(t)[2:]).max(axis=0)
+    turns = np.maximum(faster[:-1], faster[1:]) / settings.turn
+    count = np.ceil(np.diff(t) * np.maximum(1 / longest, turns) - 1e-9).astype(int)
+    part = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
+    edges = np.append(t[0], np.repeat(t[:-1], count) + part * np.repeat(np.diff(t) / count, count))
+    return edges, np.cumsum(count) - 1
 
-    level: int
-    number: int
-    motion: Motion
-    chosen: NDArray[np.intp]
-    t: Array
-    edges: Array
-    rows: NDArray[np.int_]
-    elapsed: Array
-    weight: Array
-    measured: slice
+
+def _samples(motions: Sequence[Motion], series: Sequence[Series], quantum: Array) -> Samples:
+    """Return the inputs of all filters without states, torques and positions."""
+    filters, length = len(series), np.array([len(each.edges) - 1 for each in series])
+    h, elapsed, row = (np.full((filters, length.max()), fill) for fill in (0.0, 0.0, -1))
+    spread = np.tile(np.maximum(quantum**2 / 12, 1e-10), (filters, 2))
+    ends = np.cumsum([0.0, *(m.end - m.start for m in motions)])
+    for g, each in enumerate(series):
+        motion, number, edges = motions[each.recording], each.recording, each.edges
+        h[g, : length[g]] = np.diff(edges)
+        elapsed[g, : length[g]] = (ends[number] + (edges[1:] + edges[:-1]) / 2 - motion.start) / ends[-1] - 0.5
+        row[g, each.last] = np.arange(each.rows.start, each.rows.stop)
+        spread[g, 2:] = (0.1 + 0.1 * motion.states(motion.recorded.t[each.chosen])[2:].std(axis=1)) ** 2
+    none = np.empty((0, *h.shape, 2))
+    level = np.array([each.level for each in series])
+    return Samples(np.empty((0, filters, 4)), spread, level, length, h, elapsed, none, none, row)
 
 
-def _blocks(motion: Motion, blocks: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
+def _blocks(motion: Motion, blocks: Indices, t: Array) -> Indices:
     """Return the index of the block of time, of those of a motion, that contains each of the times t [s]."""
     part = (t - motion.start) / max(motion.end - motion.start, 1e-9) * len(blocks)
     return np.asarray(blocks[np.clip(part.astype(int), 0, len(blocks) - 1)])
 
 
-def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
+def _thinned(t: Array, interval: float) -> Indices:
     """Return the indices of samples about ``interval`` [s] apart, or of all samples if their interval is longer."""
     usual = float(np.median(np.diff(t)))
     every = max(1, round(interval / usual)) * usual
@@ -225,7 +212,7 @@ def _thinned(t: Array, interval: float) -> NDArray[np.intp]:
     return np.unique(np.minimum(nearest, len(t) - 1))
 
 
-def _slow(motion: Motion, chosen: NDArray[np.intp], limit: float) -> Flags:
+def _slow(motion: Motion, chosen: Indices, limit: float) -> Flags:
     """Return whether a joint is slower than a limit [rad/s] or reverses between consecutive chosen samples."""
 
     def all_samples() -> Flags:
@@ -257,29 +244,43 @@ class Unknown(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Extension:
-    """The extension of the model by one effect.
+class Effect:
+    """An extension of the model by an unmodelled effect.
 
     Attributes:
-        unknowns: the E unknowns of the effect.
+        name: of the effect.
+        where: the joint or part on which it acts.
+        unknowns: of the effect.
         terms: additional torques, whose coefficients are the first unknowns.
         shape: change of the recorded torque or the recorded angles by the other unknowns.
         width: joints for which the width of the change of sign of dry friction is an unknown, the last ones.
+        blind: whether the slope of J by its unknowns is 0 without it, so that it needs a start with it.
     """
 
+    name: str
+    where: str
     unknowns: tuple[Unknown, ...]
     terms: tuple[Term, ...] = ()
     shape: Shape | None = None
     width: tuple[int, ...] = ()
+    blind: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """J of each block of time, with slope and expected information by P unknowns: (B,), (B, P), (B, P, P)."""
+    """J with slope and expected information by P unknowns.
+
+    Attributes:
+        costs: of each block of time, shape (B,); slopes, shape (B, P), and informations, shape (B, P, P), likewise.
+        cost: of all blocks and the prior, infinite if a filter diverges; slope and information likewise.
+    """
 
     costs: Array
     slopes: Array
     informations: Array
+    cost: float
+    slope: Array
+    information: Array
 
 
 class _Shaped(NamedTuple):
@@ -292,16 +293,46 @@ class _Shaped(NamedTuple):
 
 @dataclass(frozen=True)
 class Likelihood:
-    """J as a function of x: theta (14), delay, offsets, effects, and log noise (position, torque) at each level."""
+    """J as a function of x: theta (14), delay, offsets, effects, and log noise (position, torque) at each level.
+
+    Attributes:
+        filter_data: the inputs of the filters.
+        lower: lower bounds of x, shape (P,); equal bounds fix an unknown.
+        upper: upper bounds.
+        scale: of the unknowns that all levels share, for finite differences.
+        effects: that extend the model.
+    """
 
     filter_data: FilterData
-    effects: tuple[Extension, ...] = ()
-    scale: Array = field(default_factory=lambda: np.ones(SHARED))
+    lower: Array
+    upper: Array
+    scale: Array
+    effects: tuple[Effect, ...] = ()
     _shaped: dict[bytes, _Shaped] = field(default_factory=dict, repr=False)
 
     def of(self, filter_data: FilterData) -> Likelihood:
-        """Return the likelihood of other filter data, with the same effects."""
-        return replace(self, filter_data=filter_data, _shaped={})
+        """Return the likelihood of other filter data; further levels have the bounds of the first one."""
+        levels = len(filter_data.settings.intervals)
+        lower, upper = (self.widened(bound, levels) for bound in (self.lower, self.upper))
+        return replace(self, filter_data=filter_data, lower=lower, upper=upper, _shaped={})
+
+    def widened(self, x: Array, levels: int) -> Array:
+        """Return x for another number of levels; further levels have the values of the first one."""
+        noise = x[self.shared :]
+        return np.append(x[: self.shared], noise if levels == self.levels else np.tile(noise[:4], levels))
+
+    def extended(self, effects: Sequence[Effect], x: Array) -> tuple[Likelihood, Array]:
+        """Return the likelihood with more effects, and x with their initial values."""
+        scale, lower, upper, start = np.array([u for e in effects for u in e.unknowns]).T
+        pairs = (self.lower, lower), (self.upper, upper), (x, start)
+        lower, upper, x = (np.insert(values, self.shared, new) for values, new in pairs)
+        grown = (*self.effects, *effects)
+        return Likelihood(self.filter_data, lower, upper, np.append(self.scale, scale), grown), x
+
+    @property
+    def estimated(self) -> Flags:
+        """Which unknowns are not fixed, shape (P,)."""
+        return np.asarray(self.lower < self.upper)
 
     @property
     def levels(self) -> int:
@@ -311,30 +342,20 @@ class Likelihood:
     @property
     def shared(self) -> int:
         """The number of unknowns that all levels share."""
-        return SHARED + sum(len(e.unknowns) for e in self.effects)
-
-    @property
-    def size(self) -> int:
-        """The number of unknowns P."""
-        return self.shared + 4 * self.levels
+        return len(self.scale)
 
     def _vectors(self, lanes: Array) -> tuple[Samples, Vectors, tuple[Term, ...]]:
         """Return the inputs of the filters for L vectors of unknowns, shape (P, L)."""
-        count, levels = lanes.shape[1], self.levels
-        width = np.full((2, count), SIGN_WIDTH)
-        terms: list[Term] = []
-        coefficients, shapes = [], []
-        first = SHARED
+        count, first = lanes.shape[1], SHARED
+        width, coefficients, shapes = np.full((2, count), SIGN_WIDTH), list[Array](), list[tuple[Shape, Array]]()
         for effect in self.effects:
-            unknowns = lanes[first : first + len(effect.unknowns)]
+            own, others = np.split(lanes[first : first + len(effect.unknowns)], [len(effect.terms)])
             first += len(effect.unknowns)
-            n = len(effect.terms)
-            terms += effect.terms
-            coefficients.append(unknowns[:n])
+            coefficients += list(own)
             if effect.shape is not None:
-                shapes.append((effect.shape, unknowns[n:]))
-            for k, joint in enumerate(effect.width):
-                width[joint] = unknowns[n + k]
+                shapes.append((effect.shape, others))
+            for joint, each in zip(effect.width, others, strict=False):
+                width[joint] = each
         keys = np.vstack([lanes[14], *(unknowns for _, unknowns in shapes)])
         _, different, table = np.unique(keys, axis=1, return_index=True, return_inverse=True)
         shaped = [self._shaped_by([(f, unknowns[:, lane]) for f, unknowns in shapes]) for lane in different]
@@ -345,16 +366,15 @@ class Likelihood:
             tau=np.stack([self.filter_data.torques(s.motions, d) for s, d in zip(shaped, delays, strict=True)]),
             y=np.stack([s.y for s in shaped]),
         )
-        noise = np.exp(2 * lanes[self.shared :].reshape(levels, 4, count))
         vectors = Vectors(
             theta=lanes[:14],
             offset=lanes[15:17],
-            noise=noise,
+            noise=np.exp(2 * lanes[self.shared :].reshape(self.levels, 4, count)),
             width=width,
-            coefficient=np.concatenate(coefficients) if coefficients else np.zeros((0, count)),
+            coefficient=np.reshape(coefficients, (-1, count)),
             table=table.ravel(),
         )
-        return samples, vectors, tuple(terms)
+        return samples, vectors, tuple(term for effect in self.effects for term in effect.terms)
 
     def _shaped_by(self, shapes: Sequence[tuple[Shape, Array]]) -> _Shaped:
         """Return the motions changed by effects, from a cache of recent results."""
@@ -376,67 +396,58 @@ class Likelihood:
     @np.errstate(all='ignore')
     def costs(self, x: Array) -> Array:
         """Return J of each block, without the prior, shape (B,)."""
-        e, s = self.innovations(x)
-        return self._costs(e, s)
+        return self._costs(*self.innovations(x))
 
     def _costs(self, e: Array, s: Array) -> Array:
         filter_data, nu = self.filter_data, self.filter_data.settings.freedom
-        if np.isinf(nu):
-            each = np.log(s) / 2 + e * e / s / 2
-        else:
-            each = np.log(s) / 2 + (nu + 1) / 2 * np.log1p(e * e / (nu * s))
-        each = (np.where(filter_data.weight[:, None] > 0, each, 0.0)).sum(axis=1) / self.levels
+        each = np.log(s) / 2 + (nu + 1) / 2 * np.log1p(e * e / (nu * s))
+        each = np.where(filter_data.weight[:, None] > 0, each, 0.0).sum(axis=1) / self.levels
         return np.asarray(np.bincount(filter_data.block, each, minlength=len(filter_data.owner)), dtype=float)
-
-    @np.errstate(all='ignore')
-    def evaluate(self, x: Array, free: Flags) -> Evaluation:
-        """Return J, and slopes and information by the free unknowns, from finite differences."""
-        filter_data, nu = self.filter_data, self.filter_data.settings.freedom
-        shared = np.flatnonzero(free[: self.shared])
-        steps = 1e-5 * self.scale[shared]
-        lanes = np.repeat(x[:, None], 1 + len(shared) + 4, axis=1)
-        lanes[shared, 1 + np.arange(len(shared))] += steps
-        noise = self.shared + np.arange(4 * self.levels).reshape(self.levels, 4)
-        for k in range(4):  # of all levels at once: a filter depends only on the noise of its level
-            lanes[noise[:, k], 1 + len(shared) + k] += 1e-5
-        e, s = innovations(*self._vectors(lanes))
-        by = np.concatenate([steps, np.full(4, 1e-5)])
-        de, ds = (values[:, :, 1:] - values[:, :, :1] for values in (e, s))
-        e, s = e[:, :, 0], s[:, :, 0]
-        costs = self._costs(e, s)
-        w = np.broadcast_to(filter_data.weight[:, None] / self.levels, e.shape)
-        if np.isinf(nu):
-            to_e, to_s, ee, ss = e / s, 0.5 / s - e * e / (2 * s * s), 1 / s, 0.5 / s**2
-        else:
-            to_e = (nu + 1) * e / (nu * s + e * e)
-            to_s = 0.5 / s - (nu + 1) / 2 * e * e / (s * (nu * s + e * e))
-            ee, ss = (nu + 1) / ((nu + 3) * s), nu / (2 * (nu + 3) * s * s)
-        count = len(filter_data.owner)
-        slopes, informations = np.zeros((count, self.size)), np.zeros((count, self.size, self.size))
-        for g, rows in enumerate(filter_data.rows):
-            index = np.concatenate([shared, noise[filter_data.samples.level[g]]])
-            square = np.ix_(index, index)
-            first = rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[rows])) + 1)
-            for part in map(slice, first, [*first[1:], rows.stop]):
-                a, b = de[part].reshape(-1, len(index)), ds[part].reshape(-1, len(index))
-                weight, block = w[part].ravel(), filter_data.block[part.start]
-                slope = (weight * to_e[part].ravel()) @ a + (weight * to_s[part].ravel()) @ b
-                information = (a * (weight * ee[part].ravel())[:, None]).T @ a
-                information += (b * (weight * ss[part].ravel())[:, None]).T @ b
-                slopes[block, index] += slope / by
-                informations[block][square] += information / by / by[:, None]
-        return Evaluation(costs, slopes, informations)
 
     def prior(self, x: Array) -> float:
         """Return the part of J by the prior of the offsets."""
         return float((x[15:17] ** 2).sum() / self.filter_data.settings.offset**2 / 2)
 
-
-def fitted_information(likelihood: Likelihood, evaluation: Evaluation, x: Array) -> tuple[Array, Array]:
-    """Return slope and information of all blocks and the prior together, shapes (P,), (P, P)."""
-    prior = np.zeros(len(x))
-    prior[[15, 16]] = 1 / likelihood.filter_data.settings.offset**2
-    return evaluation.slopes.sum(axis=0) + prior * x, evaluation.informations.sum(axis=0) + np.diag(prior)
+    @np.errstate(all='ignore')
+    def evaluate(self, x: Array) -> Evaluation:
+        """Return J, and slopes and information by the estimated unknowns, from finite differences."""
+        filter_data, nu, size = self.filter_data, self.filter_data.settings.freedom, len(x)
+        shared = np.flatnonzero(self.estimated[: self.shared])
+        steps = 1e-5 * np.append(self.scale[shared], np.ones(4))
+        lanes = np.repeat(x[:, None], 1 + len(steps), axis=1)
+        noise = self.shared + np.arange(4 * self.levels).reshape(self.levels, 4)
+        lanes[shared, 1 + np.arange(len(shared))] += steps[:-4]
+        for k in range(4):  # of all levels at once: a filter depends only on the noise of its level
+            lanes[noise[:, k], k - 4] += steps[k - 4]
+        e, s = innovations(*self._vectors(lanes))
+        de, ds = (values[:, :, 1:] - values[:, :, :1] for values in (e, s))
+        e, s = e[:, :, 0], s[:, :, 0]
+        w = np.broadcast_to(filter_data.weight[:, None] / self.levels, e.shape)
+        to_e = w * ((nu + 1) * e / (nu * s + e * e))
+        to_s = w * (0.5 / s - (nu + 1) / 2 * e * e / (s * (nu * s + e * e)))
+        ee, ss = w * ((nu + 1) / ((nu + 3) * s)), w * (nu / (2 * (nu + 3) * s * s))
+        costs, count = self._costs(e, s), len(filter_data.owner)
+        slopes, informations = np.zeros((count, size)), np.zeros((count, size, size))
+        for each in filter_data.series:
+            index = np.concatenate([shared, noise[each.level]])
+            square = np.ix_(index, index)
+            first = each.rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[each.rows])) + 1)
+            for part in map(slice, first, [*first[1:], each.rows.stop]):
+                block, a, b = filter_data.block[part.start], *(d[part].reshape(-1, len(index)) for d in (de, ds))
+                information = (a * ee[part].reshape(-1, 1)).T @ a + (b * ss[part].reshape(-1, 1)).T @ b
+                slopes[block, index] += (to_e[part].ravel() @ a + to_s[part].ravel() @ b) / steps
+                informations[block][square] += information / steps / steps[:, None]
+        prior = np.zeros(size)
+        prior[15:17] = 1 / filter_data.settings.offset**2
+        cost = float(costs.sum()) + self.prior(x)
+        return Evaluation(
+            costs,
+            slopes,
+            informations,
+            cost if np.isfinite(cost) and np.isfinite(informations).all() else math.inf,
+            slopes.sum(axis=0) + prior * x,
+            informations.sum(axis=0) + np.diag(prior),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -444,29 +455,30 @@ class LikelihoodFit:
     """The minimum of J by Fisher scoring.
 
     Attributes:
+        likelihood: J.
         x: the unknowns, shape (P,).
         free: whether each unknown is estimated and not on a bound, shape (P,).
-        cost: J with the prior.
         evaluation: of J at x.
-        information: of all recordings and the prior, shape (P, P).
         iterations: number of scoring steps.
         converged: whether the predicted gain of another step is negligible.
     """
 
+    likelihood: Likelihood
     x: Array
     free: Flags
-    cost: float
     evaluation: Evaluation
-    information: Array
     iterations: int
     converged: bool
+
+    @property
+    def interval(self) -> float:
+        """The shortest sampling interval [s]."""
+        return self.likelihood.filter_data.settings.intervals[0]
 
 
 def fit(
     likelihood: Likelihood,
     x: Array,
-    lower: Array,
-    upper: Array,
     iterations: int = 40,
     tolerance: float = 0.05,
     progress: Callable[[float], None] | None = None,
@@ -478,58 +490,50 @@ def fit(
     (Dennis, Gay and Welsch, ACM Transactions on Mathematical Software 7, 1981).
 
     Args:
-        likelihood: J.
+        likelihood: J, with the bounds.
         x: initial values, shape (P,).
-        lower: lower bounds; equal bounds fix an unknown.
-        upper: upper bounds.
         iterations: largest number of scoring steps.
         tolerance: predicted gain of a step at which the iteration stops; 0.5 is about one standard error.
         progress: called with J after every iteration.
+
+    Raises:
+        FloatingPointError: a filter diverges at the initial values.
     """
-    estimated = lower < upper
+    lower, upper, estimated = likelihood.lower, likelihood.upper, likelihood.estimated
     x = repaired(np.clip(x, lower, upper))
     damping, converged, number, rejected = 1e-3, False, 0, 0
     reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # noise changes by a factor of e at most
-    now, cost = _evaluated(likelihood, x, estimated)
-    if not np.isfinite(cost):
+    now = likelihood.evaluate(x)
+    if not np.isfinite(now.cost):
         raise FloatingPointError
-    slope, information = fitted_information(likelihood, now, x)
-    correction, corrected = np.zeros_like(information), False
+    correction, corrected = np.zeros_like(now.information), False
     while number < iterations:
-        curvature = _corrected(information, correction)
+        curvature = _corrected(now.information, correction)
         low, high = np.maximum(lower - x, -reach), np.minimum(upper - x, reach)
-        step, gain = bounded_step(curvature if corrected else information, slope, damping, low, high, estimated)
+        information = curvature if corrected else now.information
+        step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
         if gain < tolerance or rejected == 12:
             converged = gain < 1.0
             break
         trial = repaired(x + step)
-        after, value = _evaluated(likelihood, trial, estimated)
-        moved, better = trial - x, value < cost - 0.01 * gain
-        if np.isfinite(value):
-            slope_after, information_after = fitted_information(likelihood, after, trial)
-            wrong = [abs(value - cost - (slope + H @ moved / 2) @ moved) for H in (information, curvature)]
+        after = likelihood.evaluate(trial)
+        moved, rise, better = trial - x, after.cost - now.cost, after.cost < now.cost - 0.01 * gain
+        if np.isfinite(after.cost):
+            wrong = [abs(rise - (now.slope + H @ moved / 2) @ moved) for H in (now.information, curvature)]
             corrected = bool(wrong[1] < wrong[0])
-            near = information_after if better else information
-            correction = _secant(correction, near, moved, slope_after - slope)
+            near = after if better else now
+            correction = _secant(correction, near.information, moved, after.slope - now.slope)
         if not better:
             damping, rejected = damping * 8.0, rejected + 1
             continue
-        ratio = (cost - value) / gain
+        ratio = -rise / gain
         damping = max(damping * (0.2 if ratio > 0.6 else 1.0 if ratio > 0.2 else 3.0), 1e-9)
-        x, now, cost, slope, information = trial, after, value, slope_after, information_after
-        number, rejected = number + 1, 0
+        x, now, number, rejected = trial, after, number + 1, 0
         if progress is not None:
-            progress(cost)
+            progress(now.cost)
     margin = 1e-9 * np.maximum(upper - lower, 0)
     free = estimated & (x > lower + margin) & (x < upper - margin)
-    return LikelihoodFit(x, free, cost, now, information, number, converged)
-
-
-def _evaluated(likelihood: Likelihood, x: Array, estimated: Flags) -> tuple[Evaluation, float]:
-    """Return J of the blocks, and J with the prior; infinite if a filter diverges."""
-    evaluation = likelihood.evaluate(x, estimated)
-    cost = float(evaluation.costs.sum()) + likelihood.prior(x)
-    return evaluation, cost if np.isfinite(cost) and np.isfinite(evaluation.informations).all() else math.inf
+    return LikelihoodFit(likelihood, x, free, now, number, converged)
 
 
 def _corrected(information: Array, correction: Array) -> Array:

@@ -38,8 +38,8 @@ from pendubot_identification.trajectories.conversion import Affine, Conversion
 from pendubot_identification.trajectories.motion import Motion
 
 from . import DELAYS
+from .estimate import regression_covariance
 from .settings import Settings
-from .uncertainty import regression_covariance
 
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 #: The model with dry friction and a rotor; a larger model would fit faults.
@@ -180,21 +180,15 @@ _ZEROS = (
 )
 
 
-def diagnose(
-    motions: Sequence[Motion], model: str, delay: float = 0.0, expected_link_length: float | None = None
-) -> tuple[Fault, ...]:
+def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault, ...]:
     """Return the faults of convention that recordings of one rig have in common; none if they are too short.
 
-    Little motion or large friction may hide a zero or a delay. Of two simultaneous faults the first may be confused
-    with another one whose correction fits nearly as well.
-
-    Args:
-        motions: of one rig.
-        model: for the length of link 1 alone.
-        delay: the known delay of the effort [s], independent of these recordings.
-        expected_link_length: measured length of link 1 [m].
+    Each has the options that correct it and the faults before it. Little motion or large friction may hide a zero or a
+    delay. Of two simultaneous faults the first may be confused with another one whose correction fits nearly as well.
     """
-    recordings = _Recordings(tuple(m for m in motions if m.end - m.start > WIDTH + DELAYS[1] - DELAYS[0]), delay)
+    low, high = settings.delays
+    long = tuple(m for m in motions if m.end - m.start > WIDTH + DELAYS[1] - DELAYS[0])
+    recordings = _Recordings(long, low if low == high else 0.0)
     # A constant effort has the effect of gravity in another direction.
     if not any(np.ptp(m.recorded.tau, axis=0).any() for m in recordings.motions):
         return ()
@@ -207,30 +201,32 @@ def diagnose(
     if corrected.unexplained > SETTINGS.poor_fit:
         faults += _unfit(corrected)
     faults += _wrong_unit(corrected)
-    if expected_link_length is not None:
-        faults += _wrong_length(corrected, model, expected_link_length)
-    return tuple(faults)
+    if settings.link_length is not None:
+        model = 'rotor' if settings.model == 'auto' else settings.model
+        faults += _wrong_length(corrected, model, settings.link_length)
+    return tuple(_with_options(faults, settings.reading))
 
 
-def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault, ...]:
-    """Return the faults of the recordings' conventions, with the options that correct them."""
-    low, high = settings.delays
-    model, delay = 'rotor' if settings.model == 'auto' else settings.model, low if low == high else 0.0
-    conversion, completed = settings.reading, []
-    for fault in diagnose(motions, model, delay, settings.link_length):
+def _with_options(faults: Sequence[Fault], conversion: Conversion) -> Iterator[Fault]:
+    """Yield the faults with the options that correct them one after the other."""
+    for fault in faults:
         corrected = None if fault.change is None else conversion.then(fault.change)
         if corrected is not None:
             before, after = conversion.options(), corrected.options()
             added, removed = [o for o in after if o not in before], [o for o in before if o not in after]
             words = [f'add {" ".join(added)}'] * bool(added) + [f'leave out {" ".join(removed)}'] * bool(removed)
             fault, conversion = replace(fault, options=tuple(words), corrected_conversion=corrected), corrected
-        completed.append(fault)
-    return tuple(completed)
+        yield fault
 
 
 def corrected_conversion(faults: Sequence[Fault]) -> Conversion | None:
     """Return the conversion that corrects as many of the faults as options can; None if they correct none."""
     return next((f.corrected_conversion for f in reversed(faults) if f.corrected_conversion is not None), None)
+
+
+def sound(faults: Sequence[Fault]) -> bool:
+    """Return whether signs, order and zeros are right."""
+    return not any(f.level is Level.ERROR and f.name not in ('delay', 'motion', 'offset') for f in faults)
 
 
 def agrees_with_exact_fit(fault: Fault, offsets: Array) -> bool:

@@ -11,6 +11,7 @@ without any one of the recordings. Other effects are reported as possible, and n
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,15 +21,7 @@ import scipy  # imports its slow part signal at the first use
 from scipy.interpolate import CubicSpline, PPoly
 
 from pendubot_identification.arrays import Array
-from pendubot_identification.criteria.likelihood import (
-    Extension,
-    Likelihood,
-    LikelihoodFit,
-    Shape,
-    Unknown,
-    fit,
-    fitted_information,
-)
+from pendubot_identification.criteria.likelihood import Effect, LikelihoodFit, Shape, Unknown, fit
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
@@ -71,23 +64,6 @@ MEANINGS = {
 }
 #: Effects that extend the friction of the model.
 FRICTION = ('asymmetry', 'width', 'drag', 'drift', 'creep')
-
-
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """A candidate for an unmodelled effect.
-
-    Attributes:
-        name: one of :data:`MEANINGS`.
-        where: the joint or part on which it acts.
-        extension: of the likelihood.
-        blind: whether the slope of J by its unknowns is 0 without it, so that it needs a start with it.
-    """
-
-    name: str
-    where: str
-    extension: Extension
-    blind: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +130,7 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
             limit = 0.5 * size * reach.get(kind, 1.0)
             unknowns.append(Unknown(size, -limit, limit))
         terms = tuple(Term(kind, joint, number) for kind in kinds)
-        return Effect(name, JOINT_NAMES[joint] + where, Extension(tuple(unknowns), terms))
+        return Effect(name, JOINT_NAMES[joint] + where, tuple(unknowns), terms)
 
     for joint, name in enumerate(JOINT_NAMES):
         yield linear('offset', joint, TermKind.CONSTANT)
@@ -164,23 +140,22 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
         yield linear('drift', joint, TermKind.VISCOUS_DRIFT, TermKind.COULOMB_DRIFT)
         for slow in (0.1, 0.3):
             yield linear('creep', joint, TermKind.CREEP, number=slow, where=f', below {slow:g} rad/s')
-        yield Effect('width', name, Extension((Unknown(SIGN_WIDTH, 0.005, 3.0, SIGN_WIDTH),), width=(joint,)))
+        yield Effect('width', name, (Unknown(SIGN_WIDTH, 0.005, 3.0, SIGN_WIDTH),), width=(joint,))
         sine = Unknown(0.01, -0.1, 0.1)
-        yield Effect('eccentricity', f"{name}'s encoder", Extension((sine, sine), shape=_eccentric(joint)))
+        yield Effect('eccentricity', f"{name}'s encoder", (sine, sine), shape=_eccentric(joint))
         for number in range(2, REPETITIONS + 1) if spans[joint] > TURN else ():
             yield linear('cogging', joint, TermKind.SINE, TermKind.COSINE, number=number, where=f', {number} a turn')
     dead = _sample_wise(lambda tau, zone: np.sign(tau) * np.maximum(np.abs(tau) - zone, 0))
-    yield Effect('dead zone', 'motor', Extension((Unknown(tau, 0.0, 0.5 * tau),), shape=dead))
+    yield Effect('dead zone', 'motor', (Unknown(tau, 0.0, 0.5 * tau),), shape=dead)
     sag = _sample_wise(lambda sample, part: sample * (1 - part * (sample / tau) ** 2))
-    yield Effect('saturation', 'gradual', Extension((Unknown(1.0, -0.5, 0.9),), shape=sag))
+    yield Effect('saturation', 'gradual', (Unknown(1.0, -0.5, 0.9),), shape=sag)
     limit = _sample_wise(lambda tau, most: np.clip(tau, -most, most))
     for part in (0.85, 0.6):
-        clipped = Extension((Unknown(tau, 0.1 * tau, tau, part * tau),), shape=limit)
-        yield Effect('saturation', 'motor', clipped, blind=True)
+        yield Effect('saturation', 'motor', (Unknown(tau, 0.1 * tau, tau, part * tau),), shape=limit, blind=True)
     falling = Unknown(tau, 0.1 * tau, 2 * tau, tau), Unknown(1 / fastest, 0.0, 2 / fastest, 0.5 / fastest)
-    yield Effect('back-EMF', 'motor', Extension(falling, shape=_limited_by_speed(delay)), blind=True)
+    yield Effect('back-EMF', 'motor', falling, shape=_limited_by_speed(delay), blind=True)
     for lag in (0.004, 0.02):
-        yield Effect('lag', 'motor', Extension((Unknown(0.01, 0.0005, 0.2, lag),), shape=_lagged), blind=True)
+        yield Effect('lag', 'motor', (Unknown(0.01, 0.0005, 0.2, lag),), shape=_lagged, blind=True)
 
 
 def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
@@ -258,17 +233,11 @@ def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float)
 
     Drifting friction has its value at the end of the training data.
     """
-    result = motion
-    for found in effects:
-        extension = found.effect.extension
-        if found.accepted and extension.shape is not None:
-            result = extension.shape(result, found.sizes[len(extension.terms) :])
-    terms = [
-        (term, size)
-        for found in effects
-        if found.accepted
-        for term, size in zip(found.effect.extension.terms, found.sizes, strict=False)
-    ]
+    accepted, result = [(found.effect, found.sizes) for found in effects if found.accepted], motion
+    for effect, sizes in accepted:
+        if effect.shape is not None:
+            result = effect.shape(result, sizes[len(effect.terms) :])
+    terms = [pair for effect, sizes in accepted for pair in zip(effect.terms, sizes, strict=False)]
     if not terms:
         return result
     t = np.union1d(result.impulse.x, np.arange(motion.start, motion.end, 0.0025) - delay)
@@ -301,93 +270,56 @@ class EffectSettings:
     rounds: int = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """A likelihood with effects, its minimum, and the bounds of its unknowns."""
+def find_effects(
+    base: LikelihoodFit, settings: EffectSettings | None = None
+) -> Iterator[tuple[DetectedEffect, LikelihoodFit]]:
+    """Yield the selected effects in order; the last may be possible only.
 
-    likelihood: Likelihood
-    fit: LikelihoodFit
-    lower: Array
-    upper: Array
-
-    @property
-    def interval(self) -> float:
-        """The shortest sampling interval [s]."""
-        return self.likelihood.filter_data.settings.intervals[0]
-
-    def extended(self, effects: Sequence[Effect]) -> tuple[Likelihood, Array, Array, Array]:
-        """Return the likelihood with more effects, initial values, and bounds."""
-        like, at = self.likelihood, self.likelihood.shared
-        scale, lower, upper, start = np.array([u for e in effects for u in e.extension.unknowns]).T
-        more = (*like.effects, *(e.extension for e in effects))
-        grown = replace(like, effects=more, scale=np.append(like.scale, scale))
-        pairs = (self.fit.x, start), (self.lower, lower), (self.upper, upper)
-        x, low, high = (np.insert(values, at, new) for values, new in pairs)
-        return grown, x, low, high
-
-    def with_effects(self, effects: Sequence[Effect]) -> Problem:
-        """Return the problem with more effects, solved."""
-        like, x, lower, upper = self.extended(effects)
-        return Problem(like, fit(like, x, lower, upper, tolerance=0.3), lower, upper)
-
-
-def find_effects(base: Problem, settings: EffectSettings | None = None) -> list[tuple[DetectedEffect, Problem]]:
-    """Return the selected effects in order; the last may be possible only.
-
-    Each is returned with the solved problem that contains it and all effects before it.
+    Each is followed by the fit that contains it and all effects before it.
     """
     settings = settings or EffectSettings()
-    filter_data = base.likelihood.filter_data
-    candidates = list(catalogue(filter_data.motions, float(base.fit.x[14])))
-    found: list[tuple[DetectedEffect, Problem]] = []
+    candidates = list(catalogue(base.likelihood.filter_data.motions, float(base.x[14])))
     for _ in range(settings.rounds):
-        known = {(f.name, f.where) for f, _ in found}
-        left = [c for c in candidates if (c.name, c.where) not in known]
-        selected = _compete(base, left, settings)
+        selected = _compete(base, candidates, settings)
         if selected is None:
-            break
-        best, base = selected
-        found.append((best, base))
-        if not best.accepted:
-            break
-    return found
+            return
+        yield selected
+        found, base = selected
+        if not found.accepted:
+            return
+        candidates = [c for c in candidates if (c.name, c.where) != (found.name, found.where)]
 
 
 def _compete(
-    base: Problem, candidates: Sequence[Effect], settings: EffectSettings
-) -> tuple[DetectedEffect, Problem] | None:
-    filter_data, before = base.likelihood.filter_data, base.fit.evaluation.costs
+    base: LikelihoodFit, candidates: Sequence[Effect], settings: EffectSettings
+) -> tuple[DetectedEffect, LikelihoodFit] | None:
+    """Fit the most promising candidates, and return the best one; None if it is not significant."""
+    filter_data, at = base.likelihood.filter_data, base.likelihood.shared
     recordings = len(filter_data.motions)
     promising = sorted(_predicted(base, candidates), key=lambda each: -each[0])
     least = np.log(max(filter_data.weight.sum(), 2.0)) / 2
-    tried = [c for gain, c in promising if gain > least * len(c.extension.unknowns)][: settings.fitted]
-    results = []
-    for candidate in tried:
-        try:
-            problem = base.with_effects([candidate])
-        except FloatingPointError:
-            continue
-        gains = before - problem.fit.evaluation.costs
-        results.append((candidate, problem, gains))
-    if not results:
+    fits = list[tuple[Effect, LikelihoodFit]]()
+    for candidate in [c for gain, c in promising if gain > least * len(c.unknowns)][: settings.fitted]:
+        with contextlib.suppress(FloatingPointError):
+            fits.append((candidate, fit(*base.likelihood.extended([candidate], base.x), tolerance=0.3)))
+    if not fits:
         return None
-    by_recording = np.array([np.bincount(filter_data.owner, g, minlength=recordings) for *_, g in results])
-    cost = np.array([least * len(c.extension.unknowns) for c, *_ in results])
-    best = int(np.argmax(by_recording.sum(axis=1) - cost))
-    candidate, problem, gains = results[best]
-    z = vuong(gains, cost[best]) / settings.share**0.5
-    everywhere = bool((by_recording[best] > 0).all())
-    at, count = base.likelihood.shared, len(candidate.extension.unknowns)
-    inside = bool(problem.fit.free[at : at + count].all())
-    left_out = range(recordings) if recordings >= 3 else ()
-    winners = [results[int(np.argmax(np.delete(by_recording, k, axis=1).sum(axis=1) - cost))][0] for k in left_out]
-    stable = all((each.name, each.where) == (candidate.name, candidate.where) for each in winners)
-    accepted = z > settings.sure and everywhere and stable and inside
+    gains = base.evaluation.costs - np.array([found.evaluation.costs for _, found in fits])
+    by_recording = np.array([np.bincount(filter_data.owner, each, minlength=recordings) for each in gains])
+    cost = least * np.array([len(candidate.unknowns) for candidate, _ in fits])
+    net = by_recording.sum(axis=1) - cost
+    best = int(np.argmax(net))
+    (effect, found), gain = fits[best], gains[best]
+    z = vuong(gain, cost[best]) / settings.share**0.5
+    own = slice(at, at + len(effect.unknowns))
+    winners = [fits[np.argmax(net - by_recording[:, k])][0] for k in range(recordings if recordings >= 3 else 0)]
+    stable = all((each.name, each.where) == (effect.name, effect.where) for each in winners)
+    everywhere, inside = (by_recording[best] > 0).all(), found.free[own].all()
+    accepted = bool(z > settings.sure and everywhere and stable and inside)
     if not accepted and z < settings.tried:
         return None
-    sizes = problem.fit.x[at : at + count]
-    moved = problem.fit.x[:5] / np.maximum(base.fit.x[:5], 1e-12) - 1
-    return DetectedEffect(candidate, sizes, float(gains.sum()), z, accepted, moved), problem
+    moved = found.x[:5] / np.maximum(base.x[:5], 1e-12) - 1
+    return DetectedEffect(effect, found.x[own], float(gain.sum()), z, accepted, moved), found
 
 
 def vuong(gains: Array, cost: float) -> float:
@@ -396,39 +328,21 @@ def vuong(gains: Array, cost: float) -> float:
     return float(gains.sum() - cost) / max(deviation * float(np.sqrt(len(gains))), 1e-9)
 
 
-def _predicted(base: Problem, candidates: Sequence[Effect]) -> Iterator[tuple[float, Effect]]:
+def _predicted(base: LikelihoodFit, candidates: Sequence[Effect]) -> Iterator[tuple[float, Effect]]:
     """Yield the predicted decrease of J by one scoring step with each candidate."""
-    sloped = [c for c in candidates if not c.blind]
-    like, x, lower, upper = base.extended(sloped)
     at = base.likelihood.shared
-    evaluation = like.evaluate(x, lower < upper)
-    slope, information = fitted_information(like, evaluation, x)
-    if not np.isfinite(information).all():
-        return
-    added = np.zeros(len(x), dtype=bool)
-    count = sum(len(c.extension.unknowns) for c in sloped)
-    added[at : at + count] = True
-    base_free = ~added
-    base_free[~added] = base.fit.free
-    b = np.flatnonzero(base_free)
-    inverse = np.linalg.pinv(information[np.ix_(b, b)], hermitian=True)
-    for candidate in sloped:
-        size = len(candidate.extension.unknowns)
-        c = np.arange(at, at + size)
-        at += size
-        cross = information[np.ix_(c, b)] @ inverse
-        condensed = information[np.ix_(c, c)] - cross @ information[np.ix_(b, c)]
-        pull = slope[c] - cross @ slope[b]
-        yield float(pull @ np.linalg.pinv(condensed, hermitian=True) @ pull) / 2, candidate
-    now = float(base.fit.evaluation.costs.sum())
-    for candidate in (c for c in candidates if c.blind):
-        like, x, lower, upper = base.extended([candidate])
-        if candidate.name == 'lag':
-            x[14] = np.clip(x[14] - x[base.likelihood.shared], lower[14], upper[14])
-        evaluation = like.evaluate(x, lower < upper)
-        if not (np.isfinite(evaluation.costs).all() and np.isfinite(evaluation.informations).all()):
+    for together in ([c for c in candidates if not c.blind], *([c] for c in candidates if c.blind)):
+        like, x = base.likelihood.extended(together, base.x)
+        if together[0].name == 'lag':
+            x[14] = np.clip(x[14] - x[at], like.lower[14], like.upper[14])
+        evaluation = like.evaluate(x)
+        if not np.isfinite(evaluation.cost):
             continue
-        slope, information = fitted_information(like, evaluation, x)
-        free = np.flatnonzero(np.insert(base.fit.free, base.likelihood.shared, True))
-        step = np.linalg.lstsq(information[np.ix_(free, free)], slope[free], rcond=1e-10)[0]
-        yield now - float(evaluation.costs.sum()) + float(slope[free] @ step) / 2, candidate
+        owner = np.repeat(np.arange(len(together)), [len(c.unknowns) for c in together])
+        for k, candidate in enumerate(together):
+            free = np.insert(base.free, at, owner == k)
+            H, g = evaluation.information[np.ix_(free, free)], evaluation.slope[free]
+            scale = np.sqrt(np.where(np.diag(H) > 0, np.diag(H), 1.0))
+            damped = H / scale / scale[:, None] + 1e-9 * np.eye(len(g))
+            gain = g / scale @ np.linalg.solve(damped, g / scale) / 2
+            yield base.evaluation.cost - evaluation.cost + float(gain), candidate

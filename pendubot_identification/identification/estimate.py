@@ -1,31 +1,24 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The estimate of one criterion with its uncertainty, and the estimators of the quadratic criteria, energy and weak."""
+"""The estimate of one criterion, and its covariance, for residuals that are correlated in time."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import fdtrc, stdtrit
 
-from pendubot_identification.arrays import Array, Flags
-from pendubot_identification.criteria.energy import Regression, energy_regression
+from pendubot_identification.arrays import Array, Flags, Indices
+from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.prediction_error import Prediction
-from pendubot_identification.criteria.quadratic import Penalised, Quadratic
-from pendubot_identification.criteria.weak import estimate_delay, residual_weights, weak_regression
-from pendubot_identification.level import POOR, Level
-from pendubot_identification.model.parameters import NAMES, repaired
-from pendubot_identification.optimizers.mde import mde
+from pendubot_identification.level import NORMAL_95, POOR, Level
+from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.optimizers.optimizer import OptimizationResult
-from pendubot_identification.trajectories.motion import Motion
-from pendubot_identification.trajectories.signals import SMOOTHING
-
-from .settings import Settings
-from .uncertainty import correlations, regression_covariance, student_quantile
 
 #: Callback: activity, amount done, total amount (0: unknown), and the best J so far.
 Progress = Callable[[str, int, int, float], None]
@@ -36,6 +29,23 @@ REACHED = 1e-6
 WIDE = 0.5
 #: Eigenvalue of a correlation matrix below which it is a rounding error.
 INDEPENDENT = 1e-10
+
+
+@dataclass(frozen=True, slots=True)
+class IntervalSettings:
+    """Settings of the variance by the influence of parts of the data.
+
+    Attributes:
+        prior: degrees of freedom of the common factor; with 2, the variance of two recordings, which has a single
+            degree of freedom, is as certain as the variance of four.
+        significance: level of the test whether recordings differ by more in one parameter than in the others.
+    """
+
+    prior: float = 2.0
+    significance: float = 0.05
+
+
+SETTINGS = IntervalSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,93 +206,160 @@ class Estimate:
         return int((self.J_runs <= least * (1 + REACHED)).sum())
 
 
-class Linear(NamedTuple):
-    """A quadratic criterion of recordings.
+def student_quantile(freedom: ArrayLike) -> Array:
+    """Return the half-width of 95 % intervals in standard errors; infinite degrees of freedom are normal."""
+    n = np.asarray(freedom, dtype=float)
+    return np.where(np.isfinite(n), stdtrit(np.where(np.isfinite(n), n, 1.0), 0.975), NORMAL_95)
 
-    Attributes:
-        residuals: of each recording.
-        criterion: pooled over the recordings.
-        delay: of the effort [s].
-        weights: of the three weak-form residuals, shape (3,); empty for ``energy``.
+
+def influence_covariance(
+    information: Array,
+    slopes: Array,
+    owner: Indices,
+    free: Flags,
+    difference: Array,
+    *,
+    exact: bool,
+) -> tuple[Array, Array, Array, str]:
+    """Return the covariance of the minimum of a composite criterion, by the influence of parts of the data.
+
+    The parts share data, so that the inverse curvature V understates the variance. The variance W by the influence
+    u = V g of each recording (infinitesimal jackknife) is shrunk towards c V, where c is the mean of W over V (Smyth
+    2004). A parameter in which recordings differ by more than in the others (F test) has its own variance. Blocks of
+    time take the place of recordings if there is one, or if the residual is at the quantization level.
+    ``docs/method.md`` has the formulas.
+
+    Args:
+        information: the inverse of V, for errors of unit variance, shape (D, D).
+        slopes: g of each block of time at the minimum, shape (B, D).
+        owner: index of the recording of each block, shape (B,).
+        free: which unknowns lie on no bound, shape (D,).
+        difference: to the estimate of the shortest interval, shape (D,), which adds to the standard error: an
+            unmodelled effect biases all recordings in the same way (Hausman 1978).
+        exact: whether the residual is at the quantization level.
+
+    Returns:
+        Covariance, shape (D, D), NaN for unknowns on a bound; standard errors, shape (D,), of these without the bound;
+        degrees of freedom, shape (D,); the method, in words.
     """
+    size, count = len(free), int(owner.max(initial=-1)) + 1
+    inverse, lost = _inverted(information, free)
+    curvature = np.sqrt(np.diag(inverse))
+    covariance, std_error, freedom = inverse, curvature, np.full(size, math.inf)
+    words = 'curvature of the likelihood'
+    if len(owner) > 1:
+        recordings = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
+        by_block = exact or count == 1
+        parts = slopes if by_block else recordings
+        # Blocks of one recording contain no information on differences between recordings.
+        n = 0.0 if count == 1 and not exact else len(parts) - 1.0
+        words = f'influence of {len(owner)} blocks of time' if by_block else f'influence of {count} recordings'
+        spread = _spread(parts, inverse)
+        total, known = float(np.trace(information @ spread)), max(int((curvature > 0).sum()), 1)
+        covariance = (SETTINGS.prior * max(total / known, 1.0) * inverse + n * spread) / (SETTINGS.prior + n)
+        variance, freedom = np.diag(covariance).copy(), np.full(size, SETTINGS.prior + n)
+        if count > 1:
+            between = _spread(recordings, inverse)
+            odd = _differ(np.diag(between), np.diag(spread), np.diag(inverse), total, n, count - 1)
+            variance[odd] = np.maximum(np.diag(between)[odd], variance[odd])
+            freedom[odd] = count - 1
+            words += f' and of {count} recordings' if by_block and odd.any() else ''
+        std_error = np.sqrt(variance + difference**2)
+        wide = curvature * NORMAL_95 > std_error * student_quantile(freedom)
+        std_error, freedom = np.where(wide, curvature, std_error), np.where(wide, math.inf, freedom)
+        covariance = covariance + np.outer(difference, difference)
+        scale = std_error / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        covariance = covariance * scale * scale[:, None]
+        words += ', and the difference to the estimate of the shortest interval' if difference.any() else ''
+    std_error = np.where(lost, np.inf, std_error)
+    for k in np.flatnonzero(~free & (np.diag(information) > 0)):
+        released = free.copy()
+        released[k] = True
+        ratio = np.median((std_error / np.maximum(curvature, 1e-300))[free & ~lost]) if (free & ~lost).any() else 1.0
+        std_error[k] = ratio * math.sqrt(_inverted(information, released)[0][k, k])
+    covariance = covariance.copy()
+    covariance[lost, lost] = np.inf
+    covariance[~free], covariance[:, ~free] = np.nan, np.nan
+    return covariance, std_error, freedom, words
 
-    residuals: list[Regression]
-    criterion: Quadratic
-    delay: float
-    weights: Array
+
+def regression_covariance(
+    residuals: Sequence[Regression], theta: Array, free: Flags
+) -> tuple[Array, Array, Array, str]:
+    """Return the covariance of a least-squares estimate, see :func:`influence_covariance`.
+
+    Residuals that are integrals over overlapping intervals of time are far from independent, so that the textbook
+    covariance is many times too small. The blocks of time are about 1 s long.
+
+    Args:
+        residuals: of each recording.
+        theta: the estimate, shape (D,).
+        free: which parameters lie on no bound, shape (D,).
+    """
+    slopes, owner, information = list[Array](), list[int](), np.zeros((len(theta), len(theta)))
+    errors = [r.phi @ theta - r.y for r in residuals]
+    variance = max(float(np.mean(np.concatenate(errors) ** 2)), np.finfo(float).tiny)
+    for number, (r, error) in enumerate(zip(residuals, errors, strict=True)):
+        count = min(max(1, round(float(np.ptp(r.t)))), len(r.y))
+        for rows in np.array_split(np.arange(len(r.y)), count):
+            slopes.append(r.phi[rows].T @ error[rows] / variance)
+            owner.append(number)
+        information += r.phi.T @ r.phi / variance
+    none = np.zeros_like(theta)
+    return influence_covariance(information, np.array(slopes), np.array(owner), free, none, exact=False)
 
 
-def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:
-    """Return the criterion ``name`` of recordings, with estimated delay and weights, or with those in ``like``."""
-    if name == 'energy':
-        delay, weights = 0.0, np.empty(0)
-        smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
-        residuals = [energy_regression(m.recorded, settings.sliding, smoothing, model) for m in motions]
-    else:
-        delay, weights = _delay_and_weights(motions, model, settings) if like is None else (like.delay, like.weights)
-        residuals = [weak_regression(m, model, delay, weights=weights) for m in motions]
-    return Linear(residuals, Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in residuals]), delay, weights)
+def _spread(parts: Array, inverse: Array) -> Array:
+    """Return the covariance of the minimum by the influence of parts of the data, shape (D, D)."""
+    moves = (parts - parts.mean(axis=0)) @ inverse
+    return np.asarray(len(parts) / (len(parts) - 1) * moves.T @ moves)
 
 
-def _delay_and_weights(motions: Sequence[Motion], model: str, settings: Settings) -> tuple[float, Array]:
-    bounds, (low, high) = settings.box(model), settings.delays
-    delay = low if low == high else estimate_delay(motions, model, bounds, low, high)
-    weights = residual_weights([weak_regression(m, model, delay) for m in motions], bounds)
-    if low < high:
-        delay = estimate_delay(motions, model, bounds, low, high, weights=weights)
-    return delay, weights
+def _differ(by_recording: Array, spread: Array, inverse: Array, total: float, n: float, between: int) -> Flags:
+    """Return the parameters in which recordings vary more than in all others, relative to the curvature."""
+    known = inverse > 0
+    others = max(int(known.sum()) - 1, 1)
+    scale = np.where(known, inverse, 1.0)
+    rest = np.maximum((total - spread / scale) / others, 1.0)
+    chance = fdtrc(between, n * others, by_recording / scale / rest)
+    return np.asarray(known & (chance * (others + 1) < SETTINGS.significance))
 
 
-def estimate_linear(
-    name: str, problem: Linear, model: str, settings: Settings, hold: str, progress: Progress, assess: Linear | None
-) -> Estimate:
-    """Minimise a quadratic criterion, by MDE unless the optimizer is ``lsq``, and compare the exact minimum."""
-    criterion, bounds = problem.criterion, settings.box(model)
-    theta = criterion.minimum(bounds)
-    J_exact, runs, step = float(criterion(theta)), None, 'exact bounded least squares'
-    if settings.optimizer != 'lsq':
-        mde_settings, count = settings.search(name, model)
-        runs = mde(
-            Penalised.of(criterion),
-            bounds,
-            mde_settings,
-            runs=count,
-            seed=settings.seed,
-            progress=lambda generation, best: progress(f'{name}: MDE', generation, mde_settings.generations, best),
-        )
-        theta = repaired(runs.x)[runs.best]
-        reached = int((runs.value <= J_exact * (1 + REACHED)).sum())
-        step = (
-            f'MDE: {reached} of {count} runs reached the exact minimum to a relative {REACHED:g}, '
-            f'J = {runs.value.min():.6e}, exact {J_exact:.6e}'
-        )
-    J, J_zero = float(criterion(theta)), float(criterion(np.zeros_like(theta)))
-    free, estimated = ~bounds.at_bound(theta, tolerance=1e-7), bounds.present & ~bounds.fixed
-    covariance, std_error, freedom, method = regression_covariance(problem.residuals, theta, free)
-    validation_quadratic = None if assess is None else assess.criterion
-    return Estimate(
-        criterion=name,
-        model=model,
-        theta=theta,
-        free=free,
-        covariance=covariance,
-        correlation=correlations(criterion.phi.T @ criterion.phi, free),
-        std_error=np.where(bounds.fixed, 0.0, np.where(bounds.present, std_error, np.nan)),
-        freedom=freedom,
-        uncertainty=method,
-        effort=Effort(hold if name == 'weak' else 'zero', problem.delay),
-        J=J,
-        residuals=criterion.count,
-        condition_number=criterion.condition_number(estimated),
-        converged=True,
-        steps=(step,),
-        unexplained=J / max(J_zero, np.finfo(float).tiny),
-        J_exact=J_exact,
-        runs=runs,
-        J_validation=np.nan if validation_quadratic is None else float(validation_quadratic(theta)),
-        J_validation_runs=np.empty(0)
-        if validation_quadratic is None or runs is None
-        else validation_quadratic(repaired(runs.x)),
-        absent=bounds.absent,
-        fixed=bounds.fixed,
-    )
+def correlations(information: Array, free: Flags) -> Array:
+    """Return the correlations of errors by an information matrix, shape (D, D).
+
+    Rows and columns of unknowns that are not free or not identifiable are NaN.
+    """
+    covariance, lost = _inverted(information, free)
+    deviation = np.sqrt(np.where(free & ~lost, np.diag(covariance), np.nan))
+    return np.asarray(covariance / deviation / deviation[:, None])
+
+
+def scaled_condition_number(information: Array, free: Flags) -> float:
+    """Return the condition number of the residuals' derivative by the free unknowns, columns scaled to one."""
+    scaled, scale = _scaled(information[np.ix_(free, free)])
+    return float(np.sqrt(np.linalg.cond(scaled))) if np.isfinite(scale).all() and scaled.size else float('inf')
+
+
+def _inverted(information: Array, free: Flags) -> tuple[Array, Flags]:
+    """Return the pseudo-inverse for the free unknowns, shape (D, D), and which of them are not identifiable.
+
+    Those have a component in a direction without information. Rows and columns of other unknowns are 0.
+    """
+    inverse, lost = np.zeros_like(information), free & (np.diag(information) <= 0)
+    scaled, scale = _scaled(information[np.ix_(free, free)])
+    values, vectors = np.linalg.eigh(scaled)
+    identifiable = values > len(values) * 4 * np.finfo(float).eps * values.max(initial=0.0)
+    values, vectors = values[identifiable], vectors[:, identifiable]
+    inverse[np.ix_(free, free)] = (vectors / values) @ vectors.T / scale / scale[:, None]
+    lost[free] |= (vectors**2).sum(axis=1) < 1 - 1e-6
+    return inverse, lost
+
+
+def _scaled(information: Array) -> tuple[Array, Array]:
+    """Return the matrix scaled to ones on its diagonal, and the scale, infinite without information."""
+    diagonal = np.diag(information)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
+    scaled = information / scale / scale[:, None]
+    np.fill_diagonal(scaled, 1.0)
+    return scaled, scale

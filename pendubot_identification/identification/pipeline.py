@@ -7,23 +7,69 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.level import Level
 from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
-from .assessment import assess, require_excitation, stillness
-from .conventions import Fault, corrected_conversion, detect_faults, link_length
-from .estimate import Progress
-from .fitting import TrainingData, fit_composite
-from .identification import Identification, Run
+from . import CRITERIA
+from .conventions import Fault, corrected_conversion, detect_faults, link_length, sound
+from .effects import DetectedEffect
+from .estimate import Estimate, Progress
+from .fitting import TrainingData
+from .selection import Composite, fit_composite
 from .settings import Settings
-from .validation import folds, remaining_faults, remarks, validated
+from .validation import assess, folds, remaining_faults, remarks, require_excitation, stillness, validated
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """The estimates of all criteria, and the findings for the level of the published one.
+
+    Attributes:
+        settings: of the identification.
+        estimates: one for each requested criterion, and for energy; the last, most accurate one is published.
+        faults: of the recordings.
+        interval: sampling interval of the training data [s].
+        smoothing: smoothing window of the states [s].
+        validation: the predicted data, in words.
+        link_length: P3 / P5 [m] by the elbow's equation, and its standard error.
+        effects: unmodelled effects, the accepted ones first.
+        unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None
+            without the likelihood, or if the residual is at the quantization level.
+    """
+
+    settings: Settings
+    estimates: tuple[Estimate, ...]
+    faults: tuple[Fault, ...]
+    interval: float
+    smoothing: float
+    validation: str
+    link_length: tuple[float, float]
+    effects: tuple[DetectedEffect, ...] = ()
+    unmodelled: Array | None = None
+
+    @property
+    def best(self) -> Estimate:
+        """The estimate that is published."""
+        return self.estimates[-1]
+
+    @property
+    def level(self) -> Level:
+        """The level of the published estimate."""
+        return self.best.level
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The reasons of the level, in sentences for the user."""
+        return self.best.warnings
 
 
 def identify(
@@ -48,10 +94,39 @@ def identify(
         ExcitationError: some parameters are not identifiable from the motions.
     """
     report = progress or (lambda activity, done, total, best: None)
-    prepared = _prepare(training, validation, settings or Settings(), notes, report)
-    checked = _check_conventions(prepared, report)
-    fitted = _fit(checked, report)
-    return _assess(_validate(fitted, report))
+    report('preparing', 0, 0, math.nan)
+    data, others = _prepared(training, validation, settings or Settings())
+    still = [*filter(None, map(stillness, others))]
+    report('checking signs, zeros and stamps', 0, 0, math.nan)
+    faults, composite = detect_faults(data.excerpt().motions, data.settings), None
+    if 'likelihood' in data.settings.criteria:
+        report('weak: rough parameters', 0, 0, math.nan)
+        composite = _fitted(data, faults, report)
+        data, faults = composite.data, remaining_faults(faults, composite)
+
+    predicted = [Motion.prepare(motion, data.smoothing, data.hold) for motion in others if not stillness(motion)]
+    left_out = [] if predicted else folds(data.motions)
+    criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
+    estimates = [validated(c, data, composite, left_out, predicted, report) for c in criteria]
+    if not sound(faults):  # zeros of single recordings would compensate a common fault
+        estimates = [replace(estimate, zeros=None) for estimate in estimates]
+
+    common, own = [*notes, *still], data_checks([*training, *validation])
+    if composite is not None:
+        own = [*own, *remarks(composite, predicted, sound(faults), {fault.name for fault in faults})]
+    assessed = [assess(each, data.settings, faults, common) for each in estimates[:-1]]
+    assessed.append(assess(estimates[-1], data.settings, faults, [*common, *own]))
+    return Identification(
+        settings=data.settings,
+        estimates=tuple(assessed),
+        faults=faults,
+        interval=float(np.median([m.interval for m in data.motions])),
+        smoothing=data.smoothing,
+        validation=_validation(len(predicted), len(left_out), len(data.motions)),
+        link_length=link_length(data.motions, estimates[-1].model, estimates[-1].effort.delay),
+        effects=() if composite is None else composite.effects,
+        unmodelled=None if composite is None or composite.exact else composite.unexplained,
+    )
 
 
 def check(
@@ -62,76 +137,35 @@ def check(
     Raises:
         TrajectoryError, ExcitationError: as :func:`identify`.
     """
-    prepared = _prepare(training, validation, settings or Settings(), (), lambda activity, done, total, best: None)
-    return detect_faults(prepared.data.motions, prepared.data.settings)
+    data, _ = _prepared(training, validation, settings or Settings())
+    return detect_faults(data.motions, data.settings)
 
 
-def _prepare(
-    training: Sequence[Trajectory],
-    validation: Sequence[Trajectory],
-    settings: Settings,
-    notes: Sequence[str],
-    report: Progress,
-) -> Run:
-    """Require informative motion, and smooth the recordings."""
-    report('preparing', 0, 0, math.nan)
+def _prepared(
+    training: Sequence[Trajectory], validation: Sequence[Trajectory], settings: Settings
+) -> tuple[TrainingData, list[Trajectory]]:
+    """Require informative motion; return the smoothed training data, and the validation data with even stamps."""
     motions, others = ([evenly_stamped(motion.require_samples()) for motion in part] for part in (training, validation))
     require_excitation(motions, settings)
-    moving = tuple(motion for motion in others if not stillness(motion))
-    noted = (*notes, *filter(None, map(stillness, others)))
-    warnings = (*noted, *data_checks([*training, *validation]))
-    return Run(TrainingData.prepare(motions, settings.of_rig(motions)), moving, noted, warnings)
+    return TrainingData.prepare(motions, settings.of_rig(motions)), others
 
 
-def _check_conventions(run: Run, report: Progress) -> Run:
-    """Check signs, order, zeros and stamps."""
-    report('checking signs, zeros and stamps', 0, 0, math.nan)
-    return replace(run, faults=detect_faults(run.data.excerpt().motions, run.data.settings))
-
-
-def _fit(run: Run, report: Progress) -> Run:
-    """Minimise the likelihood."""
-    if 'likelihood' not in run.data.settings.criteria:
-        return run
-    report('weak: rough parameters', 0, 0, math.nan)
+def _fitted(data: TrainingData, faults: Sequence[Fault], report: Progress) -> Composite:
+    """Minimise the likelihood. Raises TrajectoryError: no filter follows; a fault of the recordings is the cause."""
     try:
-        composite = fit_composite(run.data, report, effects=run.data.settings.compensate and run.sound)
+        return fit_composite(data, report, effects=data.settings.compensate and sound(faults))
     except TrajectoryError as error:
-        if not run.faults:
+        if not faults:
             raise
-        corrected = corrected_conversion(run.faults)
+        corrected = corrected_conversion(faults)
         words = {} if corrected is None else corrected.words()
-        raise TrajectoryError('; '.join(fault.sentence for fault in run.faults), **words) from error
-    faults = remaining_faults(run.faults, composite)
-    return replace(run, data=composite.data, composite=composite, faults=faults)
+        raise TrajectoryError('; '.join(fault.sentence for fault in faults), **words) from error
 
 
-def _validate(run: Run, report: Progress) -> Run:
-    """Compute the estimate of each criterion, with its prediction of validation data, and check residuals."""
-    motions = [Motion.prepare(motion, run.data.smoothing, run.data.hold) for motion in run.validation_motions]
-    split = replace(run, folds=() if motions else tuple(folds(run.data.motions)))
-    answers = (validated(c, run.data, run.composite, split.folds, motions, report) for c in run.criteria)
-    # Zeros of single recordings would compensate a common fault.
-    estimates = tuple(answer if run.sound else replace(answer, zeros=None) for answer in answers)
-    found = () if run.composite is None else remarks(run.composite, motions, run.sound, {f.name for f in run.faults})
-    return replace(split, estimates=estimates, remarks=(*run.remarks, *found))
-
-
-def _assess(run: Run) -> Identification:
-    """Assess each estimate, and select the published one."""
-    published = run.criteria.index(max(run.data.settings.criteria, key=run.criteria.index))  # the most accurate is last
-    best = run.estimates[published]
-    findings = (run.remarks if each is best else run.notes for each in run.estimates)
-    pairs = zip(run.estimates, findings, strict=True)
-    return Identification(
-        settings=run.data.settings,
-        estimates=tuple(assess(each, run.data.settings, run.faults, notes) for each, notes in pairs),
-        published=published,
-        faults=run.faults,
-        interval=float(np.median([m.interval for m in run.data.motions])),
-        smoothing=run.data.smoothing,
-        validation=run.validation,
-        link_length=link_length(run.data.motions, best.model, best.effort.delay),
-        effects=() if run.composite is None else run.composite.effects,
-        unmodelled=None if run.composite is None or run.composite.exact else run.composite.unexplained,
-    )
+def _validation(predicted: int, parts: int, recordings: int) -> str:
+    """Return the predicted data in words."""
+    if predicted:
+        return 'on data that was not used for estimation'
+    if parts == recordings:
+        return 'each recording predicted from the others'
+    return f'each of {parts} blocks of time predicted from the others'

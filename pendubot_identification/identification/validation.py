@@ -1,8 +1,9 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Validation of estimates: predictions of data that did not estimate, and checks of the residuals."""
+"""Validation and assessment: predictions of other data, checks of residuals, and the level with warnings and advice."""
 
+import contextlib
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,40 +13,85 @@ import numpy as np
 from scipy.special import stdtr
 
 from pendubot_identification.arrays import Array
-from pendubot_identification.criteria.likelihood import LikelihoodSettings
-from pendubot_identification.criteria.prediction_error import Prediction, predict
+from pendubot_identification.criteria.energy import energy_regression
+from pendubot_identification.criteria.likelihood import LikelihoodFit, LikelihoodSettings
+from pendubot_identification.criteria.prediction_error import ASSESSED, HORIZONS, Prediction, predict
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import WIDTH
-from pendubot_identification.errors import TrajectoryError
-from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import MODELS, Bounds
+from pendubot_identification.errors import ExcitationError, TrajectoryError
+from pendubot_identification.level import NORMAL_95, Level
+from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Bounds, Parameters
+from pendubot_identification.trajectories.conventions import JOINT_NAMES
 from pendubot_identification.trajectories.motion import Motion
+from pendubot_identification.trajectories.signals import SMOOTHING
+from pendubot_identification.trajectories.trajectory import Trajectory
 
+from . import DELAYS
 from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
-from .effects import Problem, compensated
-from .estimate import Effort, Estimate, Progress, Zeros, estimate_linear, linear
+from .effects import DetectedEffect, compensated
+from .estimate import Estimate, Progress
 from .fitting import SETTINGS as FITTING
-from .fitting import Composite, TrainingData, torque_noise, unexplained, with_fitted_noise
-from .uncertainty import correlations, influence_covariance, scaled_condition_number
+from .fitting import TrainingData, estimate_linear, linear, torque_noise, unexplained, with_fitted_noise
+from .selection import Composite
+from .settings import Settings
+
+SEVEN = NAMES[: MODELS['viscous']]
 
 
 @dataclass(frozen=True, slots=True)
-class ResidualSettings:
-    """Thresholds of the residual checks."""
+class ValidationSettings:
+    """Thresholds of the residual checks and of the assessment, as listed in the documentation."""
 
     #: Ratio of squared residuals with common and with separate parameters, above which recordings contradict each
     #: other: real recordings of one rig reach 1.7, of two rigs at least 4.2.
     ratio: float = 3.0
     #: Least difference of these, as a fraction of the squared effort: 1 % of its RMS.
-    least: float = 1e-4
+    contradiction: float = 1e-4
     #: Significance level of a disturbance, for all samples together.
-    significance: float = 1e-4
+    disturbance: float = 1e-4
     #: Interval within which disturbances are joined [s]; number of listed disturbances.
     joined: float = 0.5
     listed: int = 3
+    #: Motion of a joint [rad] below which it is noise.
+    still: float = 0.02
+    #: Sensitivity of the residuals to a parameter, relative to the largest, below which it is not identifiable.
+    insensitive: float = 1e-6
+    #: J over J at zero parameters above which work and energy hardly correlate.
+    unbalanced: float = 0.5
+    #: Condition number (columns scaled to one) above which theta is too sensitive to errors of the data.
+    ill_conditioned: float = 1e3
+    #: Error of a recording's zero [degrees] beyond its 95 % interval.
+    zero: float = 3.0
+    #: Limits of the least mass of link 2 by the torque over its weighed mass: 1 of a point mass, 0.75 of a uniform rod.
+    light: float = 0.25
+    heavy: float = 1.2
+    #: P3 squared over its largest value for P1 and P2.
+    singular: float = 0.999
+    #: Difference of two input delays [s] below which they are equal: half of the least faulty delay.
+    delay: float = 0.005
+    #: Standard error over value above which advice is given, and correlation above which it is mentioned.
+    uninformative: float = 0.1
+    correlated: float = 0.95
 
 
-SETTINGS = ResidualSettings()
+SETTINGS = ValidationSettings()
+#: The motion that excites each parameter, by its term in the equations of motion, with a torque at the shoulder.
+EXCITATION = {
+    'P1': 'accelerate the shoulder harder: torques that change their sign every tenth of a second',
+    'P2': 'accelerate the elbow harder: short, strong pulses at the shoulder',
+    'P3': 'bend the elbow by a quarter turn and more while the shoulder moves: there the links interact',
+    'P4': 'lift link 1 to the horizontal and beyond, and let it fall: longer pulses',
+    'P5': "swing link 2 to the horizontal and beyond: pulses in time with the elbow's own swing",
+    'b1': 'turn the shoulder fast for longer',
+    'b2': 'let the elbow swing freely, far out, until it stops: pauses of seconds between the pulses',
+    'Fc1': 'turn the shoulder to and fro, slowly and fast: slow motion separates dry from viscous friction',
+    'Fc2': 'let the elbow swing out between pulses: slow motion separates dry from viscous friction',
+    'J2': 'accelerate the elbow against the shoulder: the rotor matters where both do not turn together',
+    'Fs1': 'start and stop the shoulder slowly, below 0.5 rad/s',
+    'Fs2': 'stop the elbow repeatedly, from below 0.5 rad/s',
+    'k1': 'turn the shoulder at one speed under small and under large torques',
+    'k2': 'turn the elbow at one speed under small and under large torques',
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,89 +129,39 @@ def validated(
     data: TrainingData,
     composite: Composite | None,
     left_out: Sequence[Fold],
-    validation_motions: Sequence[Motion],
+    motions: Sequence[Motion],
     report: Progress,
 ) -> Estimate:
-    """Return the estimate of one criterion with its prediction errors."""
+    """Return the estimate of one criterion with its errors in predicting motions, and each fold from its rest."""
+    effects: tuple[DetectedEffect, ...] = ()
     if criterion == 'likelihood' and composite is not None:
-        found, parts = _likelihood(composite, left_out, validation_motions)
+        estimate, effects, filter_data = composite.estimate(), composite.effects, composite.filter_data
+
+        def of_rest(fold: Fold) -> Array:
+            start, end, times = fold.held_out.start, fold.held_out.end, filter_data.block_times
+            inside = (times >= start - 1e-9) & (times <= end + 1e-9) & (filter_data.owner == fold.recording)
+            return composite.without(inside)[: len(estimate.theta)]
+
     else:
-        automatic = 'viscous' if criterion == 'energy' else 'geared' if composite is None else composite.model
-        model = automatic if data.settings.model == 'auto' else data.settings.model
-        found, parts = _quadratic(criterion, model, data, left_out, validation_motions, report)
-    return replace(found, prediction=Prediction.pool(parts) if parts else Prediction.none())
+        model = data.settings.model
+        if model == 'auto':
+            model = 'viscous' if criterion == 'energy' else 'geared' if composite is None else composite.model
+        estimate = estimate_linear(criterion, model, data, motions, report)
+        problem, box = data.linear(criterion, model), data.settings.box(model)
 
+        def of_rest(fold: Fold) -> Array:
+            return linear(criterion, fold.rest, model, data.settings, like=problem).criterion.minimum(box)
 
-def _likelihood(
-    answer: Composite, left_out: Sequence[Fold], validation_motions: Sequence[Motion]
-) -> tuple[Estimate, list[Prediction]]:
-    found, size, delay, scale = _estimate(answer), MODELS[answer.model], answer.delay, answer.data.scale
+    delay = estimate.effort.delay
 
     def predicted(motion: Motion, theta: Array) -> Prediction:
-        return predict([compensated(motion, answer.effects, delay)], theta[:size], delay, scale)
+        return predict([compensated(motion, effects, delay)], theta, delay, data.scale)
 
-    parts, owner = [predicted(motion, found.theta) for motion in validation_motions], answer.filter_data.owner
-    times = np.array([answer.filter_data.block_times(k) for k in range(len(owner))])
+    parts = [predicted(motion, estimate.theta) for motion in motions]
     for fold in left_out:
-        inside = (times >= fold.held_out.start - 1e-9) & (times <= fold.held_out.end + 1e-9)
-        parts.append(predicted(fold.held_out, answer.without((owner == fold.recording) & inside)))
-    return found, parts
-
-
-def _quadratic(
-    criterion: str,
-    model: str,
-    data: TrainingData,
-    left_out: Sequence[Fold],
-    validation_motions: Sequence[Motion],
-    report: Progress,
-) -> tuple[Estimate, list[Prediction]]:
-    settings, problem = data.settings, data.linear(criterion, model)
-    assess = linear(criterion, validation_motions, model, settings, like=problem) if validation_motions else None
-    found = estimate_linear(criterion, problem, model, settings, data.hold, report, assess)
-    parts = [predict([m], found.theta, problem.delay, data.scale) for m in validation_motions]
-    for fold in left_out:
-        try:
-            rest = linear(criterion, fold.rest, model, settings, like=problem).criterion.minimum(settings.box(model))
-        except TrajectoryError:  # too short for a test function
-            continue
-        parts.append(predict([fold.held_out], rest, problem.delay, data.scale))
-    return found, parts
-
-
-def _estimate(answer: Composite) -> Estimate:
-    settings, size = answer.data.settings, MODELS[answer.model]
-    bounds, free = settings.box(answer.model), answer.free[:size]
-    information = answer.information[:size, :size]
-    covariance, std_error, freedom, words = influence_covariance(
-        information,
-        answer.slopes[:, :size],
-        answer.filter_data.owner,
-        free,
-        answer.difference[:size],
-        exact=answer.exact,
-    )
-    return Estimate(
-        criterion='likelihood',
-        model=answer.model,
-        theta=answer.theta[:size],
-        free=free,
-        covariance=covariance,
-        correlation=correlations(information, free),
-        std_error=np.where(bounds.fixed, 0.0, np.where(bounds.present, std_error, math.nan)),
-        freedom=freedom,
-        uncertainty=words,
-        effort=Effort(answer.data.hold, answer.delay, answer.delay_std_error),
-        J=answer.J,
-        residuals=2 * answer.filter_data.measurements,
-        condition_number=scaled_condition_number(information, free),
-        converged=answer.converged,
-        steps=answer.steps,
-        zeros=recorded_zeros(answer.rough),
-        exact=answer.exact,
-        absent=bounds.absent,
-        fixed=bounds.fixed,
-    )
+        with contextlib.suppress(TrajectoryError):  # the rest is too short for a test function
+            parts.append(predicted(fold.held_out, of_rest(fold)))
+    return replace(estimate, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
 def remaining_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ...]:
@@ -213,7 +209,7 @@ def _inconsistencies(answer: Composite, motions: Sequence[Motion]) -> Iterator[s
             problem = with_fitted_noise(actual, answer.theta, delay, data.settings)
             found += disturbances(problem)
             # Quantization alone can look like torque noise.
-            worse = (torque_noise(data, problem) > 1) & (unexplained(problem.likelihood, problem.fit.x) > FITTING.least)
+            worse = (torque_noise(data, problem) > 1) & (unexplained(problem.likelihood, problem.x) > FITTING.least)
             if answer.exact and worse.any() and not found:
                 found.append(
                     'the parameters do not explain the validation data to the quantization level, as they do the '
@@ -238,7 +234,7 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: 
 
     separate = [squared([part]) + squared([*parts[:k], *parts[k + 1 :]]) for k, part in enumerate(parts)]
     odd, common, effort = int(np.argmin(separate)), squared(parts), sum(float(each.y @ each.y) for each in residuals)
-    if common <= SETTINGS.ratio * separate[odd] or common - separate[odd] <= SETTINGS.least * effort:
+    if common <= SETTINGS.ratio * separate[odd] or common - separate[odd] <= SETTINGS.contradiction * effort:
         return
     found = f'{motions[odd].name} contradicts the other recordings'
     if len(motions) == 2:
@@ -250,40 +246,230 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: 
     )
 
 
-def recorded_zeros(rough: Problem) -> Zeros:
-    """Return the errors of each recording's zeros: one scoring step of the offsets alone."""
-    filter_data, blocks, offsets = rough.likelihood.filter_data, rough.fit.evaluation, [15, 16]
-    count = len(filter_data.motions)
-    angles, std_error = np.full((2, count), math.nan), np.full((2, count), math.nan)
-    for k in range(count):
-        selected = filter_data.owner == k
-        information = blocks.informations[selected].sum(axis=0)[np.ix_(offsets, offsets)]
-        if np.linalg.cond(information) > 1e12:
-            continue
-        inverse = np.linalg.inv(information)
-        moves = blocks.slopes[selected][:, offsets] @ inverse
-        angles[:, k] = rough.fit.x[offsets] - moves.sum(axis=0)
-        std_error[:, k] = np.sqrt(np.diag(inverse) + len(moves) * moves.var(axis=0))
-    return Zeros(tuple(m.name for m in filter_data.motions), angles, std_error)
-
-
-def disturbances(rough: Problem) -> Iterator[str]:
+def disturbances(rough: LikelihoodFit) -> Iterator[str]:
     """Yield a warning with the times of innovations that are too large for their distribution."""
     filter_data = rough.likelihood.filter_data
-    e, s = rough.likelihood.innovations(rough.fit.x)
+    e, s = rough.likelihood.innovations(rough.x)
     z = np.abs(e) / np.sqrt(s)
     probability = 2 * stdtr(filter_data.settings.freedom, -z) * z.size
-    large = (probability < SETTINGS.significance).any(axis=1) & (filter_data.weight > 0)
+    large = (probability < SETTINGS.disturbance).any(axis=1) & (filter_data.weight > 0)
     found = []
-    for g, rows in enumerate(filter_data.rows):
+    for each in filter_data.series:
+        t = filter_data.t[each.rows]
         # The first speed is unknown, so the first innovations are large.
-        known = filter_data.t[rows] > filter_data.t[rows.start] + SETTINGS.joined
-        motion, t = filter_data.motions[filter_data.recording[g]], filter_data.t[rows][large[rows] & known]
+        t = t[large[each.rows] & (t > t[0] + SETTINGS.joined)]
         starts = t[np.diff(t, prepend=-math.inf) > SETTINGS.joined]
-        found += [f'{motion.name} at {start:.1f} s' for start in starts]
+        found += [f'{filter_data.motions[each.recording].name} at {start:.1f} s' for start in starts]
     if found:
         more = f' and {len(found) - SETTINGS.listed} more' if len(found) > SETTINGS.listed else ''
         yield (
             f'a disturbance: {", ".join(found[: SETTINGS.listed])}{more}; the cause may be a hand, a cable, an end '
             'stop, lost samples or encoder counts, or abrupt friction'
         )
+
+
+def require_excitation(training: Sequence[Trajectory], settings: Settings) -> None:
+    """Reject motions from which some parameters are not identifiable.
+
+    Raises:
+        ExcitationError: some parameters are not identifiable; the message names them.
+    """
+    moved = np.max([np.ptp(motion.q, axis=0) for motion in training], axis=0)
+    names = ', '.join(f'{motion.name}, {motion.t[0]:.4g} to {motion.t[-1]:.4g} s' for motion in training)
+    if (moved < SETTINGS.still).all():
+        raise ExcitationError(
+            f'{names}: the joints moved by only {moved[0]:.3g} and {moved[1]:.3g} rad, so none of {", ".join(SEVEN)} '
+            'is identifiable; excite the rig and record again, or choose a window in which it moves'
+        )
+    smoothing = SMOOTHING if settings.smoothing is None else settings.smoothing
+    regressions = [energy_regression(motion, settings.sliding, smoothing) for motion in training]
+    criterion = Quadratic.pool([Quadratic.reduce(r.phi, r.y) for r in regressions])
+    insensitive = criterion.undetermined(SETTINGS.insensitive) & ~settings.box('viscous').fixed
+    if insensitive.any():
+        joints = zip(JOINT_NAMES, moved, strict=True)
+        still = next((f' (the {joint} moved by only {m:.3g} rad)' for joint, m in joints if m < SETTINGS.still), '')
+        raise ExcitationError(
+            f'{names}: {", ".join(np.array(SEVEN)[insensitive])} are not identifiable from this motion{still}; excite '
+            'both joints at changing speeds, or choose another window'
+        )
+    if not criterion(np.zeros(len(SEVEN))):
+        raise ExcitationError(
+            f'{names}: the torque does no work, so that all parameters could be zero; record the effort while the rig '
+            'is excited'
+        )
+
+
+def stillness(motion: Trajectory) -> str:
+    """Return a warning if no joint moves in a motion for validation; empty otherwise."""
+    moved = np.ptp(motion.q, axis=0)
+    if (moved >= SETTINGS.still).any():
+        return ''
+    return (
+        f'{motion.name}, {motion.t[0]:.4g} to {motion.t[-1]:.4g} s: the joints moved by only {moved[0]:.3g} and '
+        f'{moved[1]:.3g} rad, which validates nothing; choose another window for validation'
+    )
+
+
+def assess(
+    estimate: Estimate,
+    settings: Settings,
+    faults: Sequence[Fault] = (),
+    notes: Sequence[str] = (),
+) -> Estimate:
+    """Return the estimate with its level, the reasons in sentences for the user, and advice.
+
+    A severe fault of the recordings explains all other findings: they become consequences, and no advice is given.
+
+    Args:
+        estimate: of one criterion, its prediction included.
+        settings: of the identification.
+        faults: of the recordings.
+        notes: other warnings of the data.
+    """
+    severe = [fault.sentence for fault in faults if _severe(fault, estimate)]
+    others = {fault.sentence: fault.name for fault in faults if not _severe(fault, estimate)}
+    # A known cause, such as a push by hand, precedes the warning of a poor fit.
+    unfit = [sentence for sentence, name in others.items() if name == 'motion']
+    mild = [sentence for sentence in others if sentence not in unfit]
+    named = set() if severe else {*others.values()} - {'motion'}
+    errors, reservations = list(_errors(estimate, settings)), [*unfit, *_reservations(estimate, settings)]
+    if 'delay' not in named:
+        # The default interval covers all plausible delays; a narrower one is the choice of the user.
+        (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
+    if 'zero' not in named:
+        reservations += _wrong_zeros(estimate)
+    if 'unit' not in named:
+        reservations += _wrong_mass(estimate, settings.link_mass)
+    warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
+    return replace(
+        estimate,
+        level=Level.ERROR if severe or errors else Level.WARN if warnings else Level.OK,
+        warnings=tuple(warnings),
+        consequences=(*errors, *reservations) if severe else (),
+        advice=() if severe else tuple(_advice(estimate)),
+    )
+
+
+def _severe(fault: Fault, estimate: Estimate) -> bool:
+    """Return whether a fault makes an estimate useless; a delay does not if the estimate compensates it."""
+    compensated = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < SETTINGS.delay
+    return fault.level is Level.ERROR and not compensated
+
+
+def _nearest_bound(theta: Array, bounds: Bounds) -> Array:
+    return np.where(theta - bounds.lower < bounds.upper - theta, bounds.lower, bounds.upper)
+
+
+def _errors(e: Estimate, settings: Settings) -> Iterator[str]:
+    """Yield the errors, which make the result useless."""
+    theta, bounds = e.theta, settings.box(e.model)
+    # MDE approaches a bound without reaching it.
+    assessed = np.where(bounds.at_bound(theta, tolerance=1e-6), _nearest_bound(theta, bounds), theta)
+    problems = Parameters.from_vector(assessed).unphysical()
+    yield from (f'not physical: {problem}' for problem in problems)
+    if not problems and theta[2] ** 2 > SETTINGS.singular * LARGEST_COUPLING**2 * theta[0] * theta[1]:
+        yield (
+            f'hardly physical: P3 = {theta[2]:.4g} is the largest value for P1 and P2, and M(q) is nearly '
+            'singular; the minimum of J lies beyond it'
+        )
+    if e.unexplained > SETTINGS.unbalanced:
+        yield (
+            f'energy and work do not balance: J is {100 * e.unexplained:.0f} % of its value with all parameters zero; '
+            'check the signs of angles and torque, the zero of q1, and their units'
+        )
+    worse = e.prediction.error[:ASSESSED] > e.prediction.persistence[:ASSESSED]
+    if worse.any():
+        ahead = ', '.join(f'{h:g} s' for h, w in zip(HORIZONS, worse, strict=False) if w)
+        yield (
+            f'predicts worse than assuming that nothing moves, {ahead} ahead: do not use these parameters in a '
+            'controller'
+        )
+
+
+def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
+    """Yield the warnings about the result."""
+    theta, bounds, names = e.theta, settings.box(e.model), np.array(NAMES[: len(e.theta)])
+    # Friction of one kind may be zero in a model with several.
+    matters = (np.arange(len(theta)) < 5) | (len(theta) == len(SEVEN))
+    if (e.intervals[:3, 0] > 0).all() and not (e.fixed[3:5] | (e.intervals[3:5, 0] > 0)).any():
+        matters[3:5] = False
+        yield (
+            'the 95 % intervals of P4 and P5 reach 0: gravity hardly acts on this motion; fix both at 0 if both axes '
+            'are vertical, or else excite larger swings'
+        )
+    unidentifiable = np.isinf(e.std_error)
+    if unidentifiable.any():
+        yield (
+            f'not identifiable: {", ".join(names[unidentifiable])}; the residuals do not depend on them (the '
+            'information matrix is singular): excite both joints more, or choose another window'
+        )
+    poor = e.free & ~e.determined & ~unidentifiable & matters
+    if poor.any():
+        yield f'poorly determined: the standard error of {", ".join(names[poor])} exceeds half the value'
+    elif e.condition_number > SETTINGS.ill_conditioned and not e.exact and not unidentifiable.any():
+        yield (
+            f'ill-conditioned: condition number {e.condition_number:.3g} (above {SETTINGS.ill_conditioned:g}); the '
+            'effects of some parameters on this motion are nearly the same: excite both joints more'
+        )
+    high_half = theta > bounds.lower + 0.5 * (bounds.upper - bounds.lower)
+    # P1 or P2 at 0 is reported as an error.
+    failed = np.isin(names, ('P1', 'P2')) & (_nearest_bound(theta, bounds) <= 0)
+    for k in np.flatnonzero(~e.free & ~e.fixed & ~failed & (matters | high_half)):
+        nearest = _nearest_bound(theta, bounds)[k]
+        yield f'{NAMES[k]} lies on its bound {nearest:g} {UNITS[k]}: the minimum of J lies beyond it'
+    if e.runs_at_minimum < len(e.J_runs):
+        yield (
+            f'only {e.runs_at_minimum} of {len(e.J_runs)} runs reached the exact minimum of J; give more '
+            'generations or a larger population'
+        )
+    if not e.converged:
+        yield 'the optimiser did not converge: start elsewhere, or choose another part of the recording'
+
+
+def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
+    (low, high), delay = settings.delays, e.effort.delay
+    # A delay of 0 is plausible, also at the end of the search interval.
+    at_end = delay >= high - 1e-4 or (low != 0 and delay <= low + 1e-4)
+    if low < high and at_end and e.criterion != 'energy':
+        yield (
+            f'the delay of the effort lies at {delay:.4f} s, the end of its search interval; are the '
+            'stamps of effort and angles of one clock?'
+        )
+
+
+def _wrong_zeros(e: Estimate) -> Iterator[str]:
+    if e.zeros is None:
+        return
+    degrees, errors = np.degrees(e.zeros.angles), np.degrees(e.zeros.std_error)
+    for joint, k in np.argwhere(np.abs(degrees) - NORMAL_95 * errors > SETTINGS.zero):
+        yield (
+            f"{e.zeros.recordings[k]}: q{joint + 1}'s zero is off by {degrees[joint, k]:.1f} +- "
+            f'{errors[joint, k]:.1g} degrees; subtract them, or let the links swing out before the zeros are set '
+            '(friction may have held one away from hanging) and record again'
+        )
+
+
+def _wrong_mass(e: Estimate, expected: float | None) -> Iterator[str]:
+    if expected is None or not e.theta[1] > 0:
+        return
+    least = e.theta[4] ** 2 / e.theta[1]  # (m2 d2)^2 over m2 d2^2 + I2
+    if not SETTINGS.light <= least / expected <= SETTINGS.heavy:
+        yield (
+            f'by the torque link 2 weighs {least:.3g} kg or more, {4 / 3 * least:.3g} kg if it is a uniform rod, and '
+            f'{expected:g} kg is expected: check the unit of the torque, and the torque constant and gear, to which '
+            'all parameters are proportional'
+        )
+
+
+def _advice(e: Estimate) -> Iterator[str]:
+    """Yield a sentence for each parameter with a large relative standard error, the worst first."""
+    size = np.abs(e.theta)
+    with np.errstate(all='ignore'):
+        relative = np.where(e.free & (size > 0), e.std_error / size, 0.0)
+        correlation = np.nan_to_num(np.abs(e.correlation - np.eye(len(size))))
+    for k in (k for k in np.argsort(-relative) if relative[k] > SETTINGS.uninformative):
+        found = f'standard error {100 * relative[k]:.0f} % of the value' if relative[k] < 100 else 'not identifiable'
+        partner = int(np.argmax(correlation[k]))
+        if correlation[k, partner] > SETTINGS.correlated:
+            found += f', correlation {e.correlation[k, partner]:.2f} with {NAMES[partner]}'
+        yield f'the motion is little informative of {NAMES[k]} ({found}); to improve: {EXCITATION[NAMES[k]]}'

@@ -29,8 +29,7 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import HORIZONS, LOST, STEP, Simulations, state_scale
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.identification.effects import DetectedEffect, catalogue, compensated
-from pendubot_identification.identification.estimate import linear
-from pendubot_identification.identification.fitting import with_fitted_noise
+from pendubot_identification.identification.fitting import linear, with_fitted_noise
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.results.provenance import hold, settings
@@ -290,8 +289,8 @@ class Prepared:
         theta = theta_of(answer.parameters).vector(self.result.model)
         if criterion == 'likelihood':
             fitted = with_fitted_noise(motions, theta, answer.effort.delay, asked)
-            filter_data, (e, s) = fitted.likelihood.filter_data, fitted.likelihood.innovations(fitted.fit.x)
-            times, z = ([values[rows] for rows in filter_data.rows] for values in (filter_data.t, e / np.sqrt(s)))
+            filter_data, (e, s) = fitted.likelihood.filter_data, fitted.likelihood.innovations(fitted.x)
+            times, z = ([values[g.rows] for g in filter_data.series] for values in (filter_data.t, e / np.sqrt(s)))
             return ('q1', 'q2'), 'standard deviations', 0.0, times, z
         names: tuple[str, ...] = (*JOINT_NAMES, 'energy')
         unit, overlap = 'N m', WIDTH

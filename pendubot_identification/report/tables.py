@@ -16,7 +16,7 @@ from markupsafe import Markup, escape
 from pendubot_identification.arrays import Array
 from pendubot_identification.excitation.design import Experiment
 from pendubot_identification.excitation.design import Predicted as Excited
-from pendubot_identification.identification.assessment import SETTINGS as ASSESSMENT
+from pendubot_identification.identification.validation import SETTINGS as VALIDATION
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import NAMES, SPECIFICATIONS, UNITS, Parameters
 from pendubot_identification.results.result import Parameter, PartialResult, Predicted, Result
@@ -130,7 +130,7 @@ def _reservations(result: Result, name: str) -> str:
         for other, value in zip(
             answer.parameters, answer.correlation[list(answer.parameters).index(name)], strict=False
         )
-        if other != name and value is not None and abs(value) > ASSESSMENT.correlated
+        if other != name and value is not None and abs(value) > VALIDATION.correlated
     ]
     reasons = [_reservation(result.parameters[name]), result.not_covered.get(name, ''), *correlated]
     return '; '.join(filter(None, dict.fromkeys(reasons)))

@@ -25,8 +25,7 @@ from pendubot_identification.criteria.prediction_error import HORIZONS, Predicti
 from pendubot_identification.errors import PendubotError, noting, sentence
 from pendubot_identification.identification.conventions import corrected_conversion
 from pendubot_identification.identification.estimate import Estimate, Progress
-from pendubot_identification.identification.identification import Identification
-from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.pipeline import Identification, identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES, UNDER_LOAD, UNITS
 from pendubot_identification.recordings.datasets import Datasets, load_datasets

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pendubot_identification.criteria.prediction_error import HORIZONS, Prediction
-from pendubot_identification.identification.assessment import EXCITATION, assess
 from pendubot_identification.identification.conventions import Fault
 from pendubot_identification.identification.estimate import Effort, Estimate, Zeros
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
+from pendubot_identification.identification.validation import EXCITATION, assess
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import NAMES, PAPER, Parameters, default_bounds
 from pendubot_identification.model.simulation import quantised, simulate

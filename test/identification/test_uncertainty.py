@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.quadratic import Quadratic
 from pendubot_identification.criteria.weak import residual_weights, weak_regression
-from pendubot_identification.identification.uncertainty import (
+from pendubot_identification.identification.estimate import (
     correlations,
     influence_covariance,
     regression_covariance,
