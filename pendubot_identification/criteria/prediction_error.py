@@ -186,105 +186,95 @@ def refine(
     simulations = Simulations.of(motions, theta, delay, offset, settings.horizons, settings.stride)
     if not len(simulations.t):
         raise TrajectoryError(f'all recordings are shorter than {max(settings.horizons):g} s; choose longer windows')
-    number = simulations.recording
-    block = np.concatenate([filter_data.block_of(k, simulations.t[number == k]) for k in range(len(motions))])
-    duration = sum(m.end - m.start for m in motions)
-    criterion = _Criterion(
-        simulations, theta, prior, pull, block, len(filter_data.owner), len(motions), duration, settings
-    )
+    criterion = _Criterion(simulations, theta, prior, pull, motions, filter_data, settings)
     for _ in range(settings.alternations):
-        scaled = criterion.scales(theta)
-        theta, gained = _descend(criterion, theta, scaled, bounds)
+        criterion.rescale(theta)
+        theta, gained = criterion.descend(theta, bounds)
         if gained < settings.tolerance:
             break
-    slopes, informations = criterion.derivatives(theta, scaled)
-    return PredictionFit(theta, informations.sum(axis=0) + prior, slopes, informations, *scaled)
+    slopes, informations = criterion.derivatives(theta)
+    information = informations.sum(axis=0) + prior
+    return PredictionFit(theta, information, slopes, informations, criterion.scale, criterion.factor)
 
 
-#: Factors of S of each state and horizon, shape (H, 4), and of each recording, shape (R,).
-_Scales = tuple[Array, Array]
-
-
-@dataclass(frozen=True, slots=True)
 class _Criterion:
-    """J of R recordings' simulations, with given scales, and its derivatives by B blocks of time."""
+    """J of the simulations, with the scales of their errors, and its derivatives by B blocks of time."""
 
-    simulations: Simulations
-    first: Array
-    prior: Array
-    pull: Array
-    block: NDArray[np.intp]
-    blocks: int
-    recordings: int
-    duration: float
-    settings: PredictionSettings
+    def __init__(
+        self,
+        simulations: Simulations,
+        first: Array,
+        prior: Array,
+        pull: Array,
+        motions: Sequence[Motion],
+        filter_data: FilterData,
+        settings: PredictionSettings,
+    ) -> None:
+        self._simulations, self._settings = simulations, settings
+        self._first, self._prior, self._pull = first, prior, pull
+        number, self._blocks = simulations.recording, len(filter_data.owner)
+        self._block = np.concatenate([filter_data.block_of(k, simulations.t[number == k]) for k in range(len(motions))])
+        duration = sum(m.end - m.start for m in motions)
+        self._eps = settings.weight * duration / max(settings.horizons) / len(simulations.t)  # kappa eps
+        self.scale, self.factor = np.ones((len(settings.horizons), 4)), np.ones(len(motions))
 
-    @property
-    def eps(self) -> float:
-        """The product kappa eps."""
-        settings = self.settings
-        return settings.weight * self.duration / max(settings.horizons) / len(self.simulations.t)
-
-    def scales(self, theta: Array) -> _Scales:
-        """Return the scales of the errors at theta."""
-        r, number, count = self.simulations.errors(theta)[0], self.simulations.recording, self.recordings
-        simulations = np.bincount(number, minlength=count)
-        independent = simulations * self.eps / self.settings.weight
-        factor = np.ones(count)
-        for _ in range(self.settings.alternations):
-            scale = np.maximum(np.sqrt(((r / factor[number]) ** 2).mean(axis=2)), 1e-12)
-            z = ((r / scale[:, :, None]) ** 2).mean(axis=(0, 1))
+    def rescale(self, theta: Array) -> None:
+        """Estimate the scales of the errors at theta."""
+        settings, number, count = self._settings, self._simulations.recording, len(self.factor)
+        r, simulations = self._simulations.errors(theta)[0], np.bincount(number, minlength=count)
+        independent = simulations * self._eps / settings.weight
+        self.factor = np.ones(count)
+        for _ in range(settings.alternations):
+            self.scale = np.maximum(np.sqrt(((r / self.factor[number]) ** 2).mean(axis=2)), 1e-12)
+            z = ((r / self.scale[:, :, None]) ** 2).mean(axis=(0, 1))
             mean = np.bincount(number, z, minlength=count) / np.maximum(simulations, 1)
-            factor = np.sqrt((independent * mean + self.settings.shrinkage) / (independent + self.settings.shrinkage))
-        return scale, factor
+            self.factor = np.sqrt((independent * mean + settings.shrinkage) / (independent + settings.shrinkage))
 
-    def _scaled(self, theta: Array, scales: _Scales) -> tuple[Array, Array]:
-        r, states = self.simulations.errors(theta)
-        return r / scales[0][:, :, None] / scales[1][self.simulations.recording], states
+    def _scaled(self, theta: Array) -> tuple[Array, Array]:
+        r, states = self._simulations.errors(theta)
+        return r / self.scale[:, :, None] / self.factor[self._simulations.recording], states
 
-    def value(self, theta: Array, scales: _Scales) -> float:
+    def value(self, theta: Array) -> float:
         """Return J without the logarithms; infinite if a simulation diverges."""
-        z, _ = self._scaled(theta, scales)
-        step = theta - self.first
-        cost = float(step @ self.prior @ step / 2 + self.pull @ step + self.eps / 2 * (z * z).sum())
+        z, step = self._scaled(theta)[0], theta - self._first
+        cost = float(step @ self._prior @ step / 2 + self._pull @ step + self._eps / 2 * (z * z).sum())
         return cost if np.isfinite(cost) else np.inf
 
-    def derivatives(self, theta: Array, scales: _Scales) -> tuple[Array, Array]:
+    def derivatives(self, theta: Array) -> tuple[Array, Array]:
         """Return slopes and information of each block's errors, shapes (B, D), (B, D, D)."""
-        z, states = self._scaled(theta, scales)
-        number, size = self.simulations.recording, len(theta)
-        by = self.simulations.derivatives(theta, states) / scales[0][:, :, None, None] / scales[1][number]
-        slopes, informations = np.zeros((self.blocks, size)), np.zeros((self.blocks, size, size))
-        edges = np.searchsorted(self.block, np.arange(self.blocks + 1))
+        z, states = self._scaled(theta)
+        by = self._simulations.derivatives(theta, states) / self.scale[:, :, None, None]
+        by /= self.factor[self._simulations.recording]
+        size, edges = len(theta), np.searchsorted(self._block, np.arange(self._blocks + 1))
+        slopes, informations = np.zeros((self._blocks, size)), np.zeros((self._blocks, size, size))
         for k, lanes in enumerate(map(slice, edges, edges[1:])):
             rows = np.moveaxis(by[..., lanes], 2, -1).reshape(-1, size)
-            slopes[k] = self.eps * rows.T @ z[..., lanes].reshape(-1)
-            informations[k] = self.eps * rows.T @ rows
+            slopes[k] = self._eps * rows.T @ z[..., lanes].reshape(-1)
+            informations[k] = self._eps * rows.T @ rows
         if not np.isfinite(informations).all():
             raise TrajectoryError('no simulation follows this motion with these parameters; choose another window')
         return slopes, informations
 
-
-def _descend(criterion: _Criterion, theta: Array, scales: _Scales, bounds: Bounds) -> tuple[Array, float]:
-    """Return theta after a few Gauss-Newton steps, and their decrease of J."""
-    settings, free = criterion.settings, bounds.lower < bounds.upper
-    begin = cost = criterion.value(theta, scales)
-    damping = 1e-3
-    for _ in range(settings.steps):
-        slopes, informations = criterion.derivatives(theta, scales)
-        slope = slopes.sum(axis=0) + criterion.prior @ (theta - criterion.first) + criterion.pull
-        information = informations.sum(axis=0) + criterion.prior
-        for _ in range(8):
-            step, gain = bounded_step(information, slope, damping, bounds.lower - theta, bounds.upper - theta, free)
-            trial = repaired(theta + step)
-            after = criterion.value(trial, scales) if gain > 0.01 * settings.tolerance else np.inf
-            if after < cost or gain <= 0.01 * settings.tolerance:
+    def descend(self, theta: Array, bounds: Bounds) -> tuple[Array, float]:
+        """Return theta after a few Gauss-Newton steps, and their decrease of J."""
+        free, least = bounds.lower < bounds.upper, 0.01 * self._settings.tolerance
+        begin = cost = self.value(theta)
+        damping = 1e-3
+        for _ in range(self._settings.steps):
+            slopes, informations = self.derivatives(theta)
+            slope = slopes.sum(axis=0) + self._prior @ (theta - self._first) + self._pull
+            information = informations.sum(axis=0) + self._prior
+            for _ in range(8):
+                step, gain = bounded_step(information, slope, damping, bounds.lower - theta, bounds.upper - theta, free)
+                trial = repaired(theta + step)
+                after = self.value(trial) if gain > least else np.inf
+                if after < cost or gain <= least:
+                    break
+                damping *= 10
+            if not after < cost:
                 break
-            damping *= 10
-        if not after < cost:
-            break
-        theta, cost, damping = trial, after, damping / 5
-    return theta, begin - cost
+            theta, cost, damping = trial, after, damping / 5
+        return theta, begin - cost
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,18 +62,6 @@ def off(theta):
     return abs(theta[:5] / TRUE[:5] - 1).max()
 
 
-def test_derivatives_agree_with_finite_differences_of_the_errors(prepared):
-    theta = 1.05 * TRUE + 0.01
-    simulations = Simulations.of(prepared, theta, 0.004, np.array([0.01, -0.02]), HORIZONS[:ASSESSED], STRIDE)
-    errors, states = simulations.errors(theta)
-    found = simulations.derivatives(theta, states)
-    assert found.shape == (3, 4, 14, len(simulations.t))
-    assert errors.shape == (3, 4, len(simulations.t))
-    for k, step in enumerate(1e-6 * np.eye(14)):
-        expected = (simulations.errors(theta + step)[0] - simulations.errors(theta - step)[0]) / 2e-6
-        np.testing.assert_allclose(found[:, :, k], expected, rtol=1e-4, atol=1e-5 * abs(expected).max() + 1e-6)
-
-
 @pytest.mark.parametrize(('delay', 'before', 'behind'), [(0.01, 0.01, 0.0), (-0.06, 0.0, 0.06), (0.0, 0.0, 0.0)])
 def test_simulations_lie_within_their_recordings(prepared, delay, before, behind):
     parts = [prepared[0], prepared[1].part(1.0, 1.3), prepared[2].part(2.0, 4.0)]
@@ -165,9 +153,7 @@ def test_recordings_that_are_shorter_than_the_longest_horizon_are_refused(prepar
         refined(short)
 
 
-@pytest.mark.parametrize(
-    ('model', 'delay', 'parts'), [('viscous', 0, 1), ('coulomb', 3, 1), ('rotor', 0, 1), ('geared', -5, 2)]
-)
+@pytest.mark.parametrize(('model', 'delay', 'parts'), [('viscous', 3, 1), ('geared', -5, 2)])
 def test_the_true_parameters_predict_exactly_and_others_do_not(model, delay, parts):
     step = STEP / parts
     motions = [exact_motion(vector(model), 450 * parts, step, seed=seed, start=seed, delay=delay) for seed in (1, 2)]
@@ -183,10 +169,10 @@ def test_the_true_parameters_predict_exactly_and_others_do_not(model, delay, par
 
 def test_prediction_errors_agree_with_an_independent_integration():
     """Every 50 ms, predict the state after 0.5 s from the smoothed state, with the torque held."""
-    recorded = recording(110, strength=0.3)
+    recorded = recording(80, strength=0.3)
     motion, theta, horizon = Motion.prepare(recorded, 0.02), PAPER.vector() * 1.2, 0.5
     errors, persistence = [], []
-    for start in range(0, 110 - 50, 5):
+    for start in range(0, 80 - 50, 5):
         state = motion.smoothed(recorded.t[start])
         predicted = state
         for k in range(start, start + 50):
@@ -210,9 +196,8 @@ def test_prediction_errors_agree_with_an_independent_integration():
 
 
 @pytest.mark.filterwarnings('error')
-@pytest.mark.parametrize('duration', [0.07, 0.3, 0.8])
-def test_horizons_longer_than_the_motion_have_no_prediction_error(duration):
-    motion = exact_motion(vector('viscous'), round(duration / 0.004) + 1)
+def test_horizons_longer_than_the_motion_have_no_prediction_error():
+    motion, duration = exact_motion(vector('viscous'), 76), 0.3
     prediction = predict([motion], vector('viscous'), 0.0, SCALE)
     longer = np.array(HORIZONS) >= duration
     np.testing.assert_array_equal(np.isnan(prediction.errors).all(axis=1), longer)
@@ -228,7 +213,7 @@ def test_the_errors_of_a_diverging_simulation_are_clipped_without_a_warning():
     assert prediction.errors.max() == 1e3
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(st.integers(0, 10**6), st.permutations([1.6, 0.4, 0.6]))
 def test_pooled_predictions_equal_the_prediction_of_all_motions_at_once(seed, durations):
     motions = [
