@@ -48,7 +48,7 @@ def coupled(seed, noise=1.0, size=5):
     return J, Bounds(lower, upper, PHYSICAL[:size])
 
 
-@settings(max_examples=40)
+@settings(max_examples=12)
 @given(st.integers(0, 10**6))
 def test_the_minimum_with_a_definite_mass_matrix_is_no_worse_than_that_of_slsqp(seed):
     J, bounds = coupled(seed)

@@ -32,7 +32,7 @@ def smooth_motion(amplitude, frequency, phase, t):
     return amplitude * np.sin(angle), amplitude * frequency * np.cos(angle), -amplitude * frequency**2 * np.sin(angle)
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(physical_parameters(), st.integers(0, 10**6))
 def test_residuals_are_weighted_averages_of_residual_torque_and_power(parameters, seed):
     """Residual torque is M(q) times the error of the acceleration; the test function is (1 - x^2)^3."""
@@ -53,7 +53,7 @@ def test_residuals_are_weighted_averages_of_residual_torque_and_power(parameters
     np.testing.assert_allclose(residual, expected, atol=2e-3 * scale)
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.floats(-0.02, 0.02), st.sampled_from([0.0, 0.3]))
 def test_every_pulse_counts_once_despite_jitter_and_delay(seed, delay, jitter):
     """The test functions add up to a constant; the residuals add up to the impulse and the work of the pulses."""
@@ -80,7 +80,7 @@ def test_weighted_residuals_have_equal_RMS():
     np.testing.assert_allclose(sizes, sizes[0], rtol=0.05)
 
 
-@pytest.mark.parametrize(('rate', 'delay'), [(100, 0.02), (200, -0.002), (500, 0.001)])
+@pytest.mark.parametrize(('rate', 'delay'), [(100, 0.02), (200, -0.002)])
 def test_a_small_delay_is_estimated_and_does_not_bias_the_parameters(rate, delay):
     motion = Motion.prepare(recording(9 * rate, 1 / rate, delay=delay), 0.02)
     found = estimate_delay([motion], 'viscous', default_bounds())
