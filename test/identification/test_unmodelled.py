@@ -35,7 +35,7 @@ def recordings():
     """Return three recordings of 8 s of each rig."""
     batch = [rig for rig in RIGS.values() for _ in range(RECORDINGS)]
     seeds = [*range(RECORDINGS)] * len(RIGS)
-    recordings = iter(record(seeds, batch, seconds=8.0, step=0.001, begin=10.0 * np.array(seeds)))
+    recordings = iter(record(seeds, batch, seconds=8.0, step=0.002, begin=10.0 * np.array(seeds)))
     return {name: [next(recordings) for _ in range(RECORDINGS)] for name in RIGS}
 
 
