@@ -46,9 +46,10 @@ def imported(folder):
     for path in (path for path in (ROOT / folder).rglob('*.py') if 'benchmark' not in path.parts):
         text = path.read_text()
         tree = ast.parse(text)
-        blocks = [node for node in ast.walk(tree) if isinstance(node, ast.Try)]
-        blocks += [node for node in ast.walk(tree) if isinstance(node, ast.If) and 'TYPE_CHECKING' in ast.dump(node.test)]
-        without = {id(node) for block in blocks for node in ast.walk(block)}
+        tried = [node for node in ast.walk(tree) if isinstance(node, ast.Try)]
+        branches = [node for node in ast.walk(tree) if isinstance(node, ast.If)]
+        typed = [branch for branch in branches if ast.unparse(branch.test) == 'TYPE_CHECKING']
+        without = {id(node) for block in tried + typed for node in ast.walk(block)}
         for node in (node for node in ast.walk(tree) if id(node) not in without):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and node.level == 0:
