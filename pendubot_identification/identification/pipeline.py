@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from pendubot_identification.arrays import Array
-from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
@@ -20,13 +19,13 @@ from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import CRITERIA
-from .conventions import Fault, corrected_conversion, detect_faults, link_length, sound
+from .conventions import Fault, detect_faults, link_length
 from .effects import DetectedEffect
 from .estimate import Estimate, Progress
 from .fitting import TrainingData
-from .selection import Composite, fit_composite
+from .selection import fitted
 from .settings import Settings
-from .validation import assess, folds, remaining_faults, remarks, require_excitation, stillness, validated
+from .validation import assess, basis, folds, remaining_faults, remarks, require_excitation, stillness, validated
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,35 +94,33 @@ def identify(
     """
     report = progress or (lambda activity, done, total, best: None)
     report('preparing', 0, 0, math.nan)
-    data, others = _prepared(training, validation, settings or Settings())
+    prepared, others = _prepared(training, validation, settings or Settings())
     still = [*filter(None, map(stillness, others))]
     report('checking signs, zeros and stamps', 0, 0, math.nan)
-    faults, composite = detect_faults(data.excerpt().motions, data.settings), None
-    if 'likelihood' in data.settings.criteria:
-        report('weak: rough parameters', 0, 0, math.nan)
-        composite = _fitted(data, faults, report)
-        data, faults = composite.data, remaining_faults(faults, composite)
+    detected = detect_faults(prepared.excerpt().motions, prepared.settings)
+    composite = fitted(prepared, detected, report) if 'likelihood' in prepared.settings.criteria else None
+    data = prepared if composite is None else composite.data
+    faults = detected if composite is None else remaining_faults(detected, composite)
 
     predicted = [Motion.prepare(motion, data.smoothing, data.hold) for motion in others if not stillness(motion)]
     left_out = [] if predicted else folds(data.motions)
     criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
     estimates = [validated(c, data, composite, left_out, predicted, report) for c in criteria]
-    if not sound(faults):  # zeros of single recordings would compensate a common fault
-        estimates = [replace(estimate, zeros=None) for estimate in estimates]
 
     common, own = [*notes, *still], data_checks([*training, *validation])
     if composite is not None:
-        own = [*own, *remarks(composite, predicted, sound(faults), {fault.name for fault in faults})]
-    assessed = [assess(each, data.settings, faults, common) for each in estimates[:-1]]
-    assessed.append(assess(estimates[-1], data.settings, faults, [*common, *own]))
+        own += remarks(composite, predicted, faults)
+    published = estimates[-1]
+    assessed = [assess(each, data.settings, faults, common) for each in estimates if each is not published]
+    assessed.append(assess(published, data.settings, faults, [*common, *own]))
     return Identification(
         settings=data.settings,
         estimates=tuple(assessed),
         faults=faults,
         interval=float(np.median([m.interval for m in data.motions])),
         smoothing=data.smoothing,
-        validation=_validation(len(predicted), len(left_out), len(data.motions)),
-        link_length=link_length(data.motions, estimates[-1].model, estimates[-1].effort.delay),
+        validation=basis(len(predicted), len(left_out), len(data.motions)),
+        link_length=link_length(data.motions, published.model, published.effort.delay),
         effects=() if composite is None else composite.effects,
         unmodelled=None if composite is None or composite.exact else composite.unexplained,
     )
@@ -148,24 +145,3 @@ def _prepared(
     motions, others = ([evenly_stamped(motion.require_samples()) for motion in part] for part in (training, validation))
     require_excitation(motions, settings)
     return TrainingData.prepare(motions, settings.of_rig(motions)), others
-
-
-def _fitted(data: TrainingData, faults: Sequence[Fault], report: Progress) -> Composite:
-    """Minimise the likelihood. Raises TrajectoryError: no filter follows; a fault of the recordings is the cause."""
-    try:
-        return fit_composite(data, report, effects=data.settings.compensate and sound(faults))
-    except TrajectoryError as error:
-        if not faults:
-            raise
-        corrected = corrected_conversion(faults)
-        words = {} if corrected is None else corrected.words()
-        raise TrajectoryError('; '.join(fault.sentence for fault in faults), **words) from error
-
-
-def _validation(predicted: int, parts: int, recordings: int) -> str:
-    """Return the predicted data in words."""
-    if predicted:
-        return 'on data that was not used for estimation'
-    if parts == recordings:
-        return 'each recording predicted from the others'
-    return f'each of {parts} blocks of time predicted from the others'

@@ -22,6 +22,7 @@ from pendubot_identification.criteria.prediction_error import refine
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.parameters import MODELS, repaired
 
+from .conventions import Fault, corrected_conversion, sound
 from .effects import DetectedEffect, EffectSettings, find_effects, vuong
 from .estimate import Effort, Estimate, Progress, Zeros, correlations, influence_covariance, scaled_condition_number
 from .fitting import (
@@ -226,6 +227,23 @@ class Composite(Fits):
             informations=self.informations + better.informations,
             steps=(*self.steps, 'prediction errors after 0.1, 0.25 and 0.5 s, with the likelihood as prior'),
         )
+
+
+def fitted(data: TrainingData, faults: Sequence[Fault], progress: Progress) -> Composite:
+    """Return the estimate; recordings with wrong signs, order or zeros have no unmodelled effects.
+
+    Raises:
+        TrajectoryError: no filter follows; the message names the faults of the recordings, if there are any.
+    """
+    progress('weak: rough parameters', 0, 0, math.nan)
+    try:
+        return fit_composite(data, progress, effects=data.settings.compensate and sound(faults))
+    except TrajectoryError as error:
+        if not faults:
+            raise
+        corrected = corrected_conversion(faults)
+        words = {} if corrected is None else corrected.words()
+        raise TrajectoryError('; '.join(fault.sentence for fault in faults), **words) from error
 
 
 def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = True) -> Composite:

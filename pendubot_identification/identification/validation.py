@@ -5,7 +5,7 @@
 
 import contextlib
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -27,9 +27,9 @@ from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import DELAYS
-from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
+from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression, sound
 from .effects import DetectedEffect, compensated
-from .estimate import Estimate, Progress
+from .estimate import Estimate, Progress, Zeros
 from .fitting import SETTINGS as FITTING
 from .fitting import TrainingData, estimate_linear, linear, torque_noise, unexplained, with_fitted_noise
 from .selection import Composite
@@ -124,6 +124,15 @@ def folds(motions: Sequence[Motion]) -> list[Fold]:
     return result
 
 
+def basis(validation: int, parts: int, recordings: int) -> str:
+    """Return in words which data validate, by the numbers of validation recordings, folds and recordings."""
+    if validation:
+        return 'on data that was not used for estimation'
+    if parts == recordings:
+        return 'each recording predicted from the others'
+    return f'each of {parts} blocks of time predicted from the others'
+
+
 def validated(
     criterion: str,
     data: TrainingData,
@@ -184,10 +193,11 @@ def remaining_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Faul
     return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
 
-def remarks(answer: Composite, validation: Sequence[Motion], sound: bool, named: Collection[str]) -> Iterator[str]:
-    """Yield findings for the user; ``sound``: signs, order and zeros are right; ``named``: the recordings' faults."""
+def remarks(answer: Composite, validation: Sequence[Motion], faults: Sequence[Fault]) -> Iterator[str]:
+    """Yield findings for the user, besides the faults of the recordings."""
+    named = {fault.name for fault in faults}
     yield from (found.sentence for found in answer.effects if found.name not in named)
-    if sound:
+    if sound(faults):
         yield from _inconsistencies(answer, validation)
         yield from () if answer.exact else disturbances(answer.rough)
     if not answer.exact and (answer.unexplained > FITTING.least).any():
@@ -336,13 +346,16 @@ def assess(
     if 'delay' not in named:
         # The default interval covers all plausible delays; a narrower one is the choice of the user.
         (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
+    # Zeros of single recordings would compensate a common fault.
+    zeros = estimate.zeros if sound(faults) else None
     if 'zero' not in named:
-        reservations += _wrong_zeros(estimate)
+        reservations += _wrong_zeros(zeros)
     if 'unit' not in named:
         reservations += _wrong_mass(estimate, settings.link_mass)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
     return replace(
         estimate,
+        zeros=zeros,
         level=Level.ERROR if severe or errors else Level.WARN if warnings else Level.OK,
         warnings=tuple(warnings),
         consequences=(*errors, *reservations) if severe else (),
@@ -437,13 +450,13 @@ def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
         )
 
 
-def _wrong_zeros(e: Estimate) -> Iterator[str]:
-    if e.zeros is None:
+def _wrong_zeros(zeros: Zeros | None) -> Iterator[str]:
+    if zeros is None:
         return
-    degrees, errors = np.degrees(e.zeros.angles), np.degrees(e.zeros.std_error)
+    degrees, errors = np.degrees(zeros.angles), np.degrees(zeros.std_error)
     for joint, k in np.argwhere(np.abs(degrees) - NORMAL_95 * errors > SETTINGS.zero):
         yield (
-            f"{e.zeros.recordings[k]}: q{joint + 1}'s zero is off by {degrees[joint, k]:.1f} +- "
+            f"{zeros.recordings[k]}: q{joint + 1}'s zero is off by {degrees[joint, k]:.1f} +- "
             f'{errors[joint, k]:.1g} degrees; subtract them, or let the links swing out before the zeros are set '
             '(friction may have held one away from hanging) and record again'
         )
