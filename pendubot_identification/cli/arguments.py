@@ -8,6 +8,7 @@ The module of the same name runs a subcommand. This module does not import numpy
 
 import argparse
 import math
+import os
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any, NoReturn
@@ -52,6 +53,7 @@ def parser() -> argparse.ArgumentParser:
         'reproduce': (_reproduce, "reproduce the paper's tables and figures"),
         'studio': (_studio, 'identify in a browser page, and see the running rig'),
         'demo': (_demo, 'run the complete chain on a virtual rig (needs ROS)'),
+        'completion': (_completion, 'print a completion script for a shell'),
         'help': (_help, 'describe pendubot or a subcommand'),
     }.items():
         description, *examples = cleandoc(define.__doc__ or '').split('\n\nExamples:')
@@ -416,6 +418,17 @@ def _studio(parser: Any) -> None:
     parser.add_argument('files', nargs='*', metavar='BAG', help='initial recordings')
     _number(parser, '--port', 0, 'PORT', 'port of the address; 0: any free port')
     _switch(parser, '--no-browser', 'print the address without opening a browser')
+
+
+def _completion(parser: Any) -> None:
+    """Print a shell script for the completion of subcommands, options, their choices and file names
+    (pip install argcomplete).
+
+      bash   eval "$(pendubot completion bash)"      in ~/.bashrc; zsh alike in ~/.zshrc
+      fish   pendubot completion fish > ~/.config/fish/completions/pendubot.fish
+    """
+    default, words = Path(os.environ.get('SHELL') or 'bash').name, 'the shell (default: $SHELL)'
+    parser.add_argument('shell', nargs='?', choices=('bash', 'zsh', 'fish'), default=default, help=words)
 
 
 def _help(parser: Any) -> None:

@@ -19,7 +19,7 @@ from .arguments import parser
 #: Modules of the subcommands whose module has another name; each has a function run_SUBCOMMAND.
 MODULES = dict.fromkeys(('import', 'simulate', 'repair'), '.bags')
 MODULES |= dict.fromkeys(('report', 'compare', 'export'), '.results')
-MODULES |= {'studio': '.main', 'reproduce': 'pendubot_identification.paper.reproduction'}
+MODULES |= {'completion': '.main', 'studio': '.main', 'reproduce': 'pendubot_identification.paper.reproduction'}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,6 +56,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         print(f'pendubot: {sentence(error)}', file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
+
+
+def run_completion(args: argparse.Namespace) -> int:
+    """Print a shell script that asks this program for completions."""
+    try:
+        import argcomplete
+    except ImportError as error:
+        raise PendubotError('completion needs argcomplete, which is not installed: pip install argcomplete') from error
+    print(argcomplete.shellcode(['pendubot'], shell=args.shell))
+    return 0
 
 
 def run_studio(args: argparse.Namespace) -> int:

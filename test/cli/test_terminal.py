@@ -15,6 +15,7 @@ import sys
 import termios
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -111,16 +112,25 @@ def test_help_is_equivalent_to_the_option(run):
         assert run('help', command) == run(command, '--help')
 
 
-def test_a_shell_completes_subcommands_options_choices_and_files(tmp_path):
+def test_completion_without_argcomplete_gives_the_command_to_install_it(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'argcomplete', None)
+    status, _, err = run('completion', 'bash')
+    assert (status, err.strip().endswith('pip install argcomplete')) == (1, True)
+
+
+def test_a_shell_completes_subcommands_options_choices_and_files(run, tmp_path):
     pytest.importorskip('argcomplete')
+    for shell in ('zsh', 'fish', 'bash'):
+        status, script, _ = run('completion', shell)
+        assert (status, 'pendubot' in script) == (0, True)
     (tmp_path / 'motion.mat').touch()
     typed = {'ident': 'identify', 'identify --skip-m': '--skip-missing', 'identify --zero ha': 'hanging'}
+    env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
     for words, expected in (typed | {'identify mot': 'motion.mat'}).items():
-        line, answer = f'pendubot {words}', tmp_path / 'answer'
-        asked = {'_ARGCOMPLETE': '1', 'COMP_LINE': line, 'COMP_POINT': str(len(line))}
-        env = {**os.environ, **asked, '_ARGCOMPLETE_STDOUT_FILENAME': str(answer)}
-        subprocess.run(PENDUBOT, cwd=tmp_path, env=env, check=True, timeout=PATIENCE)
-        assert answer.read_text().split() == [expected], words
+        line = f'COMP_LINE="pendubot {words}"; COMP_POINT=${{#COMP_LINE}}; _python_argcomplete pendubot'
+        program = ['bash', '-c', f'{script}\n{line}; echo ${{COMPREPLY[@]}}']
+        done = subprocess.run(program, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=PATIENCE)
+        assert done.stdout.split() == [expected], words
 
 
 CHILD = """
