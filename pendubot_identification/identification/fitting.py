@@ -400,11 +400,8 @@ def fit_all_samples(
     """
     if not nearly_exact(data, all_intervals):
         return None
-    before, at, interval = (
-        all_intervals.likelihood,
-        all_intervals.likelihood.shared,
-        min(m.interval for m in data.motions),
-    )
+    before, interval = all_intervals.likelihood, min(m.interval for m in data.motions)
+    at = before.shared
     off = abs(math.remainder(all_intervals.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(
         intervals=(interval / 2,),
