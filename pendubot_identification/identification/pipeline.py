@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from pendubot_identification.trajectories.signals import evenly_stamped
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import CRITERIA
-from .conventions import Fault, detect_faults, link_length
+from .conventions import Fault, detect_faults, link_length, sound
 from .effects import DetectedEffect
 from .estimate import Estimate, Progress
 from .fitting import TrainingData
@@ -105,7 +105,9 @@ def identify(
     predicted = [Motion.prepare(motion, data.smoothing, data.hold) for motion in others if not stillness(motion)]
     left_out = [] if predicted else folds(data.motions)
     criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
-    estimates = [validated(c, data, composite, left_out, predicted, report) for c in criteria]
+    answers = [validated(c, data, composite, left_out, predicted, report) for c in criteria]
+    # Zeros of single recordings would compensate a common fault.
+    estimates = answers if sound(faults) else [replace(answer, zeros=None) for answer in answers]
 
     common, own = [*notes, *still], data_checks([*training, *validation])
     if composite is not None:

@@ -346,16 +346,13 @@ def assess(
     if 'delay' not in named:
         # The default interval covers all plausible delays; a narrower one is the choice of the user.
         (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
-    # Zeros of single recordings would compensate a common fault.
-    zeros = estimate.zeros if sound(faults) else None
     if 'zero' not in named:
-        reservations += _wrong_zeros(zeros)
+        reservations += _wrong_zeros(estimate.zeros)
     if 'unit' not in named:
         reservations += _wrong_mass(estimate, settings.link_mass)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
     return replace(
         estimate,
-        zeros=zeros,
         level=Level.ERROR if severe or errors else Level.WARN if warnings else Level.OK,
         warnings=tuple(warnings),
         consequences=(*errors, *reservations) if severe else (),

@@ -22,7 +22,7 @@ State = tuple[Array, ...]
 
 #: Largest number of vectors in all runs, limited by the memory.
 MOST_VECTORS = 100_000
-#: Number of generations from one report of progress to the next.
+#: Progress is reported after each of this number of generations, and then after every multiple of it.
 REPORTED = 100
 
 
@@ -111,7 +111,7 @@ def run_generations(
         target: None for no target.
         spread: None for no spread.
         per_generation: function values of a run in each generation; None: one for each vector.
-        progress: called after every :data:`REPORTED` generations and the last one.
+        progress: called after generations, see :data:`REPORTED`, and after the last one.
     """
     runs, population = state[1].shape
     points, value, taken = np.empty((len(state[0]), runs)), np.empty(runs), np.zeros(runs, dtype=np.int64)
@@ -131,7 +131,8 @@ def run_generations(
             points[:, ended], taken[ended] = best_points(x, values)[:, ~going], generation
             stopped_by[ended] = reasons[~going]
             active, state = active[going], tuple(array[..., going, :] for array in state)
-        if progress is not None and (generation % REPORTED == 0 or not active.size):
+        reported = generation <= REPORTED or generation % REPORTED == 0 or not active.size
+        if progress is not None and generation and reported:
             progress(generation, float(value.min()))
         if not active.size:
             break
