@@ -283,7 +283,7 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
         if q.shape != (*t.shape, 2):
             raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
         motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, tau), qd, 'arrays')
-    elif not hasattr(recording, 'iloc'):
+    elif not (hasattr(recording, 'iloc') and hasattr(recording, 'columns')):
         raise ParameterError(f'{type(recording).__name__} was given; {KINDS}')
     else:
         named = recording.reset_index() if recording.index.name else recording

@@ -276,6 +276,7 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: simulate(RIG, TIMES, 0.0, (np.nan, 0)), 'a q that is not a number'),
         (lambda: simulate(RIG, TIMES, 0.0, (1,)), r'shape \(3, 1\); \(3, 2\) is expected'),
         (lambda: read({'t': [0.0]}), 'dict was given; names of bags or files, or else DataFrames'),
+        (lambda: read(pytest.importorskip('pandas').Series([0.0])), 'Series was given; names of bags or files, or'),
         (lambda: read(SAMPLE, negate='q9'), "negate: there is no quantity 'q9'"),
         (lambda: identify(SAMPLE, read(SAMPLE)), 'PosixPath was given; names of bags or files, or else'),
         (identify, 'nothing was given; names of bags or files, or else DataFrames, motions as read'),

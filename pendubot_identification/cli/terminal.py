@@ -50,14 +50,18 @@ def progress_bar(*, hidden: bool = False) -> Iterator[Progress]:
 
 
 def brief(result: Result, files: int) -> str:
-    """Return a result in at most :data:`LINES` - ``files`` lines."""
+    """Return a result in at most :data:`LINES` - ``files`` lines, with as many complete remarks as fit."""
     table, title = parameter_table(result), f'{result.model} model, by the criterion {result.criterion}'
     rows = table.text().splitlines()[: 1 + len(table.rows)]  # without notes
     head = [*_sources(result), '', title, *rows, '', *_prediction(result), '']
     design = ['pendubot excite --design proposes a more informative motion'] if result.advice else []
     shown = [*remarks(result), *(f'to do: {sentence}' for sentence in (*result.advice, *design))]
-    lines = [line for remark in shown for line in wrapped(remark, columns()).splitlines()]
-    return '\n'.join([*head, *lines[: LINES - files - len(head) - 1], 'all remarks and tables: add --verbose'])
+    room, lines = LINES - files - len(head) - 1, list[str]()
+    for paragraph in (wrapped(remark, columns()).splitlines() for remark in shown):
+        if lines and len(lines) + len(paragraph) > room:
+            break
+        lines += paragraph
+    return '\n'.join([*head, *lines[:room], 'all remarks and tables: add --verbose'])
 
 
 def _sources(result: Result) -> list[str]:

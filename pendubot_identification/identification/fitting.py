@@ -253,9 +253,9 @@ def with_fitted_noise(motions: Sequence[Motion], theta: Array, delay: float, set
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
     known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
     like = _likelihood(data, _shortest(_stable_step(data, theta)), known[:GEARED])
-    like.lower[:SHARED], like.upper[:SHARED] = known, known
+    lower, upper = (np.append(known, bound[SHARED:]) for bound in (like.lower, like.upper))
     try:
-        return fit(like, np.append(known, first_noise(data, like.filter_data)))
+        return fit(replace(like, lower=lower, upper=upper), np.append(known, first_noise(data, like.filter_data)))
     except FloatingPointError as error:
         raise TrajectoryError(
             f'{motions[0].name}: no filter follows this motion with these parameters; choose another window'

@@ -95,10 +95,9 @@ class Following:
 
     def after(self, estimate: Estimate, now: float) -> Following:
         """Return this state with another estimate, from which the rival hypothesis restarts."""
-        unknowns = np.eye(len(self.scale))
+        rate = np.eye(len(self.scale))[:, -1:]
         deviation = self.scale[-1] * (self.settings.inertia_walk if self.drifts else 1.0)
-        forget_rate = np.diag(np.append(np.ones(len(unknowns) - 1), 0.0))
-        rival = estimate.time_update(deviation * unknowns[:, -1:], forget_rate)
+        rival = estimate.time_update(deviation * rate, np.eye(len(rate)) - rate @ rate.T)
         return replace(self, estimate=estimate, rival=rival, page=0.0, onset=now)
 
 

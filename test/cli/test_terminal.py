@@ -68,6 +68,12 @@ def test_any_result_fits_on_thirty_lines(result, warnings, advice, consequences,
     assert any(line.startswith(f'{level.name}: ') for line in lines)
 
 
+def test_a_brief_text_has_complete_remarks(result):
+    text = ' '.join(brief(replace(result, warnings=[f'{k}: {"word " * 40}end' for k in range(9)]), 2).split())
+    assert text.count(' end') > 1
+    assert text.count('word') == 40 * text.count(' end')
+
+
 def test_verbose_shows_the_complete_result(run, inputs, tmp_path):
     status, short, _ = run('identify', inputs / 'swing', *FAST)
     again, long, _ = run('identify', inputs / 'swing', *FAST, '--verbose', '--output', tmp_path / 'r.yaml')
