@@ -24,6 +24,8 @@ from pendubot_identification.link.protocol import (
 )
 from test.link.test_protocol import LIMITS, frames_of_the_page
 
+from .building import made, need
+
 PERIOD = 10_000
 #: The session that arms.
 SESSION = 0xABCDEF12
@@ -198,3 +200,8 @@ def test_a_flood_of_bytes_neither_delays_samples_nor_keeps_the_motor_on(probe):
     probe.receive(500 * encode(Command(1, 0, 1, 500, 100_000, session=SESSION)), bench.now)
     state = bench.step()
     assert (state.status, state.torque) == (Status.WATCHDOG, 0)
+
+
+def test_the_compilers_static_analysis_finds_no_errors():
+    need('cc', 'gcc')
+    made('analyze')
