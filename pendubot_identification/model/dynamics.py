@@ -105,7 +105,7 @@ class Linearised(NamedTuple):
 
 def product(A: Array, B: Array) -> Array:
     """Return the matrix products over the first two axes."""
-    return np.asarray(np.matmul(A, B, axes=[(0, 1), (0, 1), (0, 1)]))
+    return np.asarray(np.einsum('ij...,jk...->ik...', A, B))
 
 
 def linearised(theta: Array, x: Any, tau: Any, width: Any = SIGN_WIDTH, terms: Any = NO_TERMS) -> Linearised:
@@ -153,14 +153,14 @@ def regressor(a: Array, x: Any, tau: Any) -> Array:
     return rows
 
 
-def runge_kutta(accelerated: Callable[..., Any], x: Any, h: Any) -> tuple[Any, ...]:
+def runge_kutta(accelerated: Callable[..., Any], x: Any, h: Any, first: Any = None) -> tuple[Any, ...]:
     """Return the state one classic Runge-Kutta step of h [s] after the state x = (q1, q2, q1', q2').
 
-    ``accelerated(x)`` returns q1'' and q2''; all are numbers or arrays.
+    ``accelerated(x)`` returns q1'' and q2'', ``first`` are these at x if they are known; all are numbers or arrays.
     """
     q1, q2, v1, v2 = x
     half, sixth = h / 2, h / 6
-    k1, l1 = accelerated((q1, q2, v1, v2))
+    k1, l1 = accelerated((q1, q2, v1, v2)) if first is None else first
     u1, u2 = v1 + half * k1, v2 + half * l1
     k2, l2 = accelerated((q1 + half * v1, q2 + half * v2, u1, u2))
     w1, w2 = v1 + half * k2, v2 + half * l2

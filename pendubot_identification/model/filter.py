@@ -197,8 +197,9 @@ def _filter(samples: Samples, vectors: Vectors, terms: tuple[Term, ...], e: Arra
         def accelerated(x: Any, tau: Array = tau, width: Array = width) -> Any:
             return accelerations(theta, x, tau, np, torques(x)[0], width)
 
-        p = _predicted(p, linearised(theta, x, tau, width, torques(x)), intensity, h)
-        x = np.array(runge_kutta(accelerated, x, h))
+        at = linearised(theta, x, tau, width, torques(x))
+        p = _predicted(p, at, intensity, h)
+        x = np.array(runge_kutta(accelerated, x, h, at.a))
         measured = np.flatnonzero(samples.row[:, k] >= 0)
         row, y = samples.row[measured, k], samples.y[:, measured, k][table]
         for j in range(2):  # sequential update: the errors of both joints are independent
@@ -218,7 +219,7 @@ def _predicted(p: Array, at: Linearised, intensity: Array, h: Array) -> Array:
     inverse = at.inverse
     A = np.zeros_like(p)
     A[0, 2] = A[1, 3] = 1.0
-    A[2:] = at.by_state
+    A[2:] = product(inverse, at.slopes)
     F = h * A + h * h / 2 * product(A, A)
     F[range(4), range(4)] += 1.0
     p = product(product(F, p), F.swapaxes(0, 1))
