@@ -460,7 +460,7 @@ class LikelihoodFit:
         free: whether each unknown is estimated and not on a bound, shape (P,).
         evaluation: of J at x.
         iterations: number of scoring steps.
-        converged: whether the predicted gain of another step is negligible.
+        converged: whether the last step, or one that failed, was predicted to gain less than 1: 1.4 standard errors.
     """
 
     likelihood: Likelihood
@@ -501,7 +501,7 @@ def fit(
     """
     lower, upper, estimated = likelihood.lower, likelihood.upper, likelihood.estimated
     x = repaired(np.clip(x, lower, upper))
-    damping, converged, number, rejected = 1e-3, False, 0, 0
+    damping, gain, number, rejected = 1e-3, math.inf, 0, 0
     reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # noise changes by a factor of e at most
     now = likelihood.evaluate(x)
     if not np.isfinite(now.cost):
@@ -513,7 +513,6 @@ def fit(
         information = curvature if corrected else now.information
         step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
         if gain < tolerance or rejected == 12:
-            converged = gain < 1.0
             break
         trial = repaired(x + step)
         after = likelihood.evaluate(trial)
@@ -533,7 +532,7 @@ def fit(
             progress(now.cost)
     margin = 1e-9 * np.maximum(upper - lower, 0)
     free = estimated & (x > lower + margin) & (x < upper - margin)
-    return LikelihoodFit(likelihood, x, free, now, number, converged)
+    return LikelihoodFit(likelihood, x, free, now, number, converged=gain < 1.0)
 
 
 def _corrected(information: Array, correction: Array) -> Array:

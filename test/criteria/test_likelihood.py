@@ -143,6 +143,8 @@ def test_the_fit_converges_from_a_start_with_errors_of_30_percent(prepared):
     assert len(costs) == found.iterations
     assert (np.diff(costs) < 0).all()
     assert found.evaluation.cost == pytest.approx(like.costs(found.x).sum() + like.prior(found.x))
+    assert not fit(like, x, iterations=2).converged
+    assert fit(like, found.x, iterations=1, tolerance=0.0).converged  # the rest is negligible
 
 
 def test_the_fit_of_a_wrong_model_reaches_a_minimum():
