@@ -179,8 +179,10 @@ def joint_samples(reader: BagReader, window: BagWindow, conversion: Conversion) 
         advice = f'its topics are {", ".join(types)}: record the joint states, too'
         if states:
             advice = f'add --topic {states[0]}{"".join(f", or {name}" for name in states[1:])}'
-        elif not types:
+        elif not types and reader.closed:
             advice = 'it is empty: record again while something is published'
+        elif not types:
+            advice = 'it is truncated or damaged, without an intact message: copy it again from the recorder'
         remedy = {'topic': states[0]} if len(states) == 1 else {}
         raise BagError(f'{reader.path} holds no {JOINT_STATE} on {topic}; {advice}', **remedy)
     low, high = (round(min(bound * 1e9, FOREVER_NS)) for bound in (window.start or 0.0, window.end or math.inf))

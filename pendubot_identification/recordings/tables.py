@@ -102,7 +102,8 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion, word: st
     likely = [each for each in ',;\t' if each in title] or [' ' if ' ' in title else ',']
     delimiter = max(likely, key=title.count)
     names = [name.strip() for name in next(csv.reader([title], delimiter=delimiter, skipinitialspace=True))]
-    if not all(names) and (higher := _lines_above(head)):
+    higher = _lines_above(head)
+    if len([*filter(None, names)]) < len(REQUIRED) and higher > above:
         raise _names_below(path, word, higher)
     numbered = _numbered(names)
     names, above = numbered or names, above if numbered else above + 1
@@ -118,7 +119,7 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion, word: st
                 continue
             numbers.append(above + reader.line_num)
             if len(row) != len(names):
-                if len(numbers) == above == 1 and (higher := _lines_above(head)):
+                if higher >= above > 0:
                     raise _names_below(path, word, higher)
                 comma = delimiter == ',' and len(row) > len(names)
                 why = 'decimals may be written with commas: write them with points, or ' if comma else ''
@@ -171,9 +172,12 @@ def _numbered(names: Sequence[str]) -> list[str]:
 
 def _lines_above(lines: Sequence[str]) -> int:
     """Return the number of lines above the first line with the usual number of cells, the names; 0 if unclear."""
-    counts = [len(re.findall(r'[;,\t]', line.rstrip(';,\t'))) for line in lines[:50]]
-    usual = max(set(counts), key=counts.count)
-    return counts.index(usual) if usual and counts.count(usual) > len(counts) / 2 else 0
+    for separator in ';\t,':  # beside the others, a comma may be of decimals
+        counts = [line.rstrip(separator).count(separator) for line in lines[:50]]
+        usual = max(set(counts), key=counts.count)
+        if usual and counts.count(usual) > len(counts) / 2:
+            return counts.index(usual)
+    return 0
 
 
 def _units(cells: Sequence[str]) -> Sequence[str]:
@@ -198,10 +202,10 @@ def _excel(path: Path, conversion: Conversion) -> Table:
                 found = f'the sheet {sheet} of {path} holds no recording'
                 raise TableError(f'{found}: add --sheet {shlex.quote(other)}', sheet=other)
     filled = frame.notna().any(axis=1)
-    if not filled.any():
+    if not filled[conversion.skip_rows :].any():
         return Table([], [])
     text = frame.replace(r'\s*\n\s*', ' ', regex=True).to_csv(index=False, header=False)
-    above = conversion.skip_rows or int(filled.argmax())
+    above = conversion.skip_rows + int(filled[conversion.skip_rows :].argmax())
     return _separated(path, StringIO(text), replace(conversion, skip_rows=above), 'row')
 
 

@@ -61,5 +61,5 @@ def test_intact_messages_of_a_truncated_compressed_bag_are_read(tmp_path, mode):
     assert 2000 < len(recorded.trajectory) < 8000
     assert not recorded.closed
     file.write_bytes(data[:100])
-    with pytest.raises(BagError, match=r'it is empty: record again|cannot be decompressed: it is truncated or damaged'):
+    with pytest.raises(BagError, match=r'it is truncated or damaged.* copy it again from the recorder'):
         read_trajectory(bag)

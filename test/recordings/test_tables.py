@@ -79,6 +79,19 @@ def test_other_text_formats_are_read(written, text, encoding):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
+@pytest.mark.parametrize('titles', [0, 2])
+@pytest.mark.parametrize('row', [';{}', '{};'])
+def test_a_nameless_column_and_decimal_commas_are_read_below_titles(written, row, titles):
+    lines = [row.format(line) for line in TEXT.replace(',', ';').replace('.', ',').splitlines()]
+    path = written('\n'.join(['Versuch 7', 'von Hand', *lines][2 - titles :]))
+    if titles:
+        with pytest.raises(TableError, match='its column names in line 3, line 1 is expected: add --skip-rows 2'):
+            read(path, decimal='comma')
+    found, expected = read(path, decimal='comma', skip_rows=titles), read(written())
+    for name in ('t', 'q', 'tau'):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
@@ -203,6 +216,11 @@ def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_pat
     monkeypatch.setitem(sys.modules, 'pandas', None)
     with pytest.raises(TableError, match=r'pip install .*pandas.*; or in MATLAB, writetable\(table'):
         read(tmp_path / 'x.xlsx')
+
+
+def test_a_table_is_found_anywhere_in_a_sheet(tmp_path):
+    in_excel(tmp_path / 'x.xlsx', [], [None, None, *NAMES], *([None, None, k / 100, 1, 2, 3] for k in range(9)))
+    assert len(read(tmp_path / 'x.xlsx')) == len(read(tmp_path / 'x.xlsx', skip_rows=1)) == 9
 
 
 @pytest.mark.parametrize('start', [datetime.datetime(2026, 11, 22, 23, 59, 59, 990000), datetime.timedelta(0)])
