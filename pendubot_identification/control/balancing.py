@@ -131,6 +131,10 @@ class Balancing:
         """Return parameters and loop for which a plan is missing; None if there is nothing to prepare."""
         try:
             wanted = self.readiness.ready(accept_warn)
+            if self._q is None:
+                raise ControlError(
+                    'no sample was received on joint_states; start the bridge, or remap the topic as for the bridge'
+                )
         except ControlError as error:
             self.obstacle = str(error)
             if self.phase is Phase.IDLE:

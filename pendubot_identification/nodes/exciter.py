@@ -47,6 +47,7 @@ class Exciter(SettingsNode):
 
     def _open(self, s: dict[str, Any]) -> None:
         self._pulses, self._duration, self._arms = _pulses(s), s['duration'] or math.inf, s['arm']
+        self._pulses.torque(0.0)  # imports parts of numpy, which would delay the first torque of an armed motor
         # Times on the monotonic clock [s]: start of the program, last request to arm, start of the motion, last joint
         # state, and expiry of the last recorder's report.
         self._started, self._requested, self._since, self._arrived = time.monotonic(), -math.inf, -math.inf, -math.inf

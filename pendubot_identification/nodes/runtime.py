@@ -69,8 +69,8 @@ def _refusing(remedy: str) -> Iterator[None]:
     """Convert an error of ROS within the context to a ParameterError that ends with a remedy."""
     try:
         yield
-    except rclpy_implementation.RCLError as error:
-        raise ParameterError(f'{str(error).split(", at ")[0]}; {remedy}') from error
+    except (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError) as error:
+        raise ParameterError(f'ROS refused: {str(error).split(", at ")[0]}; {remedy}') from error
 
 
 def _as_number(parameter: Parameter, setting: Setting | None) -> Parameter:

@@ -52,6 +52,10 @@ def test_missing_or_poor_inputs_are_named():
     with pytest.raises(ControlError, match='no parameters were received'):
         balancing.begin()
     balancing.readiness = informed()
+    assert balancing.to_prepare(False) is None
+    with pytest.raises(ControlError, match='no sample was received on joint_states'):
+        balancing.begin()
+    upright(balancing, 1.0)
     assert balancing.to_prepare(False)
     with pytest.raises(ControlError, match='being designed'):
         balancing.begin()
@@ -82,6 +86,7 @@ def planned(parameters, loop):
 def prepared(bounds=None, swing_up=1.9):
     balancing = Balancing(2.0, bounds=bounds)
     balancing.readiness = informed()
+    upright(balancing, 0.0)
     balancing.prepared(replace(planned(*balancing.to_prepare(False)), swing_up=swing_up))
     assert balancing.to_prepare(False) is None
     return balancing
@@ -189,6 +194,7 @@ def test_a_rig_that_cannot_be_swung_up_may_start_upright():
 def test_a_failed_plan_is_not_repeated_until_an_input_changes():
     balancing = Balancing(2.0)
     balancing.readiness = informed()
+    upright(balancing, 0.0)
     wanted = balancing.to_prepare(False)
     balancing.not_prepared(wanted, 'too slow')
     assert balancing.to_prepare(False) is None

@@ -29,15 +29,17 @@ def rig(shared_rig):
     return shared_rig
 
 
-def exciter(**values):
-    return Program('exciter', *parameters(**values))
+def exciter(env=None, **values):
+    return Program('exciter', *parameters(**values), env=env)
 
 
 def test_the_board_applies_the_pulse_train_and_is_disarmed_at_its_end_or_at_a_signal(rig):
     pulses = {'period': 0.2, 'width': 0.5, 'amplitude_min': -0.3, 'amplitude_max': 0.4, 'hold': 0.02, 'seed': 7}
-    with exciter(arm='true', duration=2.0, **pulses) as program:
+    with exciter({'PYTHONPROFILEIMPORTTIME': '1'}, arm='true', duration=2.0, **pulses) as program:
         program.wait_for('excitation done')
         assert program.process.wait(10) == 0
+    moving = program.output.partition('exciting for')[2]
+    assert 'import time:' not in moving, 'an import delays the torques until the bridge commands 0'
     drawn = {round(1e6 * PulseTrain(**pulses).torque(k * 0.01)) for k in range(200)}
     assert set(rig.torques()) <= drawn | {0}
     assert len(set(rig.torques())) > 20

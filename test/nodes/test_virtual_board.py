@@ -51,7 +51,8 @@ def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
     [
         (['--help'], 0, 'bit_flip'),
         (['--duration', '0.1', '--ros-args', '-r', '__node:=x'], 0, 'virtual board on /dev/pts/'),
-        (['--ros-args', '--params-file', '/none.yaml'], 1, 'virtual_board: failed to initialize rcl: '),
+        (['--ros-args', '--params-file', '/none.yaml'], 1, 'virtual_board: ROS refused: failed to initialize rcl'),
+        (['--ros-args', '--nope'], 1, "virtual_board: ROS refused: ['--nope']; correct the arguments"),
         (['--rate', '0'], 1, 'virtual_board: --rate is 0 Hz'),
     ],
 )
