@@ -215,7 +215,11 @@ class McapFile:
     def _read_summary(self) -> None:
         """Read definitions, counts and the index of chunks from the end of the file, or raise any exception."""
         end = self._size - FOOTER.size - len(MAGIC)
-        start, _, checksum = FOOTER.unpack(self._read(end, FOOTER.size))
+        footer = self._read(end, FOOTER.size + len(MAGIC))
+        # In an unclosed file, any bytes would be the offset of the summary.
+        if not footer.endswith(MAGIC):
+            raise ValueError('the file was never closed')
+        start, _, checksum = FOOTER.unpack_from(footer)
         # An index with a wrong time would hide messages.
         summary = self._read(start or end, end + FOOTER.size - (start or end))
         if checksum and zlib.crc32(summary[:-4]) != checksum:
