@@ -15,7 +15,7 @@ import numpy as np
 
 from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequest, Status, encode
 from test.processes import Program, parameters, repeating, spin_until
-from test.rig import ARMED, PATIENT
+from test.rig import ARMED, PATIENT, Rig
 
 from .bridge import RADIAN, drive, newest, running_rig
 from .table import Trial
@@ -190,7 +190,10 @@ def runaway(folder, long):
 
 def restart(folder, _):
     """The board restarts while the rig moves; the zeros have to be confirmed at rest."""
-    with running_rig(folder, '--fault', 'reset_at=8', bridge=(*PATIENT, 'confirm_zeros:=true')) as rig:
+    with Rig(folder, 1000, '--fault', 'reset_at=8') as rig:
+        # The time of the board begins after the bridge has started, which takes seconds on a busy machine.
+        rig.start_bridge(*PATIENT, 'confirm_zeros:=true')
+        rig.start_board()
         rig.until_samples(1200)
         assert not rig.call('arm').success
         confirmed = rig.call('confirm_zeros')

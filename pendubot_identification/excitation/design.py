@@ -94,10 +94,9 @@ class Limits:
 
     def used(self, speed: Array, angle: Array) -> Array:
         """Return the used fraction of the limits, shape (...), of speeds [rad/s] and angles [rad], shape (2, ...)."""
-        allowed = np.reshape(self.angle, (2,) + (1,) * (angle.ndim - 1))
         # A joint without a limit uses 0 of it, even if the simulation diverges.
-        turned = np.divide(angle, allowed, out=np.zeros(angle.shape), where=np.isfinite(allowed))
-        return np.asarray(np.maximum((speed / self.speed).max(axis=0), turned.max(axis=0)))
+        turned = np.divide(angle.T, self.angle, out=np.zeros(angle.T.shape), where=np.isfinite(self.angle))
+        return np.asarray(np.maximum(speed.T / self.speed, turned).max(axis=-1).T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +106,7 @@ class Predicted:
     train: PulseTrain
     #: Standard errors of the parameters by encoder quantization, shape (D,); infinite if not identifiable.
     std_error: Array
-    log_information: float  #: Logarithm of the determinant of the information, parameters in units of their values.
+    log_information: float  #: Logarithm of the determinant of the information.
     speed: Array  #: Greatest speed of shoulder and elbow [rad/s], shape (2,).
     angle: Array  #: Largest angles of shoulder and elbow from hanging [rad], shape (2,).
 
@@ -134,11 +133,8 @@ def predict(
     if valid.any():
         with np.errstate(all='ignore'):
             informations = _information(theta, states[:, :, valid], tau[:, :, valid], step, experiment)
-        for k, information in zip(np.flatnonzero(valid), informations, strict=True):
-            size[k] = _log_determinant(information)
-            if np.isfinite(size[k]):
-                errors[k, : len(information)] = np.sqrt(np.diag(np.linalg.inv(information)))
-    errors *= _units(theta)
+            for k, information in zip(np.flatnonzero(valid), informations, strict=True):
+                size[k], errors[k, : len(information)] = _accuracy(information)
     return [Predicted(train, errors[k], float(size[k]), speed[:, k], angle[:, k]) for k, train in enumerate(trains)]
 
 
@@ -189,9 +185,8 @@ def design(
         )
     # Select the best design that keeps the limits with the most of the random parameter vectors.
     theta = parameters.vector()
-    spread = np.maximum(
-        np.zeros(1) if uncertainty is None else uncertainty[: len(theta)], SETTINGS.spread * np.abs(theta)
-    )
+    given = 0.0 if uncertainty is None else uncertainty[: len(theta)]
+    spread = np.maximum(given, SETTINGS.spread * np.abs(theta))
     drawn = theta + spread * np.random.default_rng(1).standard_normal((SETTINGS.draws, len(theta)))
     drawn = np.maximum(drawn, 0.2 * theta)
     drawn[:, 2] = np.clip(drawn[:, 2], -0.9 * (root := np.sqrt(drawn[:, 0] * drawn[:, 1])), 0.9 * root)
@@ -238,16 +233,15 @@ def _simulated(theta: Array, tau: Array, step: float) -> tuple[Array, Array, Arr
 
     Also return the greatest speeds [rad/s] and angles from hanging [rad], shape (2, ...), infinite after divergence.
     """
-    start = np.zeros((4, tau.shape[2]))
-    start[:2] = np.reshape(HANGING, (2, 1))
-    states = roll(theta, start, tau, step)
-    away = states[:, :2] - np.reshape(HANGING, (2,) + (1,) * (states.ndim - 2))
-    speed, angle = (np.abs(values).max(axis=0) for values in (states[:, 2:], away))
-    return states, np.where(np.isfinite(speed), speed, np.inf), np.where(np.isfinite(angle), angle, np.inf)
+    start = np.array([[*HANGING, 0.0, 0.0]]).T
+    states = roll(theta, start.repeat(tau.shape[2], axis=1), tau, step)
+    greatest = np.abs(states.T - start).max(axis=-1).T
+    greatest[~np.isfinite(greatest)] = np.inf
+    return states, greatest[2:], greatest[:2]
 
 
 def _information(theta: Array, states: Array, tau: Array, step: float, experiment: Experiment) -> Array:
-    """Return the information matrix of each motion, shape (C, D, D), with parameters in units of their values.
+    """Return the information matrix of each motion, shape (C, D, D).
 
     D is at most IDENTIFIABLE. Initial states and the input delay are nuisance parameters, which are eliminated.
     """
@@ -262,7 +256,7 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     weight = max(1.0, step / experiment.interval)
     seen = sensitivities(theta, cut, torques, step, every)[1:, :2]
     delay = -cut[every::every, 2:, None]
-    jacobian = np.concatenate([seen[:, :, :4], delay, seen[:, :, 4:] * _units(theta)[:, None]], axis=2)
+    jacobian = np.concatenate([seen[:, :, :4], delay, seen[:, :, 4:]], axis=2)
     jacobian *= math.sqrt(12 * weight) * experiment.counts / (2 * math.pi)
     rows = np.moveaxis(jacobian, 3, 0).reshape(count * lanes, -1, jacobian.shape[2])
     normal = (rows.transpose(0, 2, 1) @ rows).reshape(count, lanes, *[jacobian.shape[2]] * 2)
@@ -270,13 +264,19 @@ def _information(theta: Array, states: Array, tau: Array, step: float, experimen
     return _condensed(_condensed(normal, 4).sum(axis=0), 1)[:, :IDENTIFIABLE, :IDENTIFIABLE]
 
 
-def _log_determinant(information: Array) -> float:
-    """Return the logarithm of the determinant; minus infinity if it is not positive in floating point."""
-    size = np.diag(information)
-    if not (np.isfinite(information).all() and (size > 0).all()):
-        return -math.inf
-    values = np.linalg.eigvalsh(information / np.sqrt(size) / np.sqrt(size)[:, None])
-    return float(np.log(values).sum() + np.log(size).sum()) if values[0] > 1e-12 else -math.inf
+def _accuracy(information: Array) -> tuple[float, Array]:
+    """Return the logarithm of the determinant, and the standard errors of the parameters.
+
+    These are minus infinity and infinite if the determinant is not positive in floating point.
+    """
+    scale = np.sqrt(np.diag(information))
+    scaled = information / scale / scale[:, None]
+    if np.isfinite(scaled).all():
+        values, vectors = np.linalg.eigh(scaled)
+        if values[0] > 1e-12:
+            errors = np.sqrt((vectors**2 / values).sum(axis=1)) / scale
+            return float(np.log(values).sum() + 2 * np.log(scale).sum()), errors
+    return -math.inf, np.full(len(scale), np.inf)
 
 
 def _condensed(normal: Array, size: int) -> Array:
@@ -284,10 +284,6 @@ def _condensed(normal: Array, size: int) -> Array:
     local, mixed = normal[..., :size, :size], normal[..., :size, size:]
     local = local + 1e-12 * np.trace(local, axis1=-2, axis2=-1)[..., None, None] * np.eye(size) + 1e-300 * np.eye(size)
     return np.asarray(normal[..., size:, size:] - np.swapaxes(mixed, -1, -2) @ np.linalg.solve(local, mixed))
-
-
-def _units(theta: Array) -> Array:
-    return np.where(theta == 0, 1.0, np.abs(theta))
 
 
 def _between(low: float, high: float, u: float) -> float:

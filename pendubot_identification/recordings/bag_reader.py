@@ -302,25 +302,29 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
 def _converted(path: Path) -> TemporaryDirectory[str] | None:
     """Convert the JointStates of a ROS 1 or sqlite3 bag to MCAP, in the folder ``bag``; return None for other paths."""
     if os.path.isdir(path):
-        if any(path.glob('*.mcap*')) or not any(path.glob('*.db3')):
-            return None
-    elif path.suffix not in ('.bag', '.db3') or not os.path.isfile(path):
+        sources = [] if any(path.glob('*.mcap*')) else sorted(path.glob('*.db3'))
+    else:
+        sources = [path] if path.suffix in ('.bag', '.db3') and os.path.isfile(path) else []
+    if not sources:
         return None
+    # The recorder writes metadata.yaml when it closes a bag.
+    folder = sources[0].parent
+    if sources[0].suffix == '.db3' and (folder / 'metadata.yaml').exists():
+        sources = [folder]
     from rosbags.convert import ConverterError, convert
     from rosbags.highlevel import AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 
-    source = path.parent if path.suffix == '.db3' and (path.parent / 'metadata.yaml').exists() else path
-    folder, jazzy = TemporaryDirectory(prefix='pendubot-'), get_typestore(Stores.ROS2_JAZZY)
+    target, jazzy = TemporaryDirectory(prefix='pendubot-'), get_typestore(Stores.ROS2_JAZZY)
     try:
-        convert([source], Path(folder.name, 'bag'), 'mcap', 9, None, 'none', jazzy, jazzy, [], [], [], [JOINT_STATE])
+        convert(sources, Path(target.name, 'bag'), 'mcap', 9, None, 'none', jazzy, jazzy, [], [], [], [JOINT_STATE])
     except (ConverterError, AnyReaderError, OSError, ValueError) as error:
-        folder.cleanup()
+        target.cleanup()
         raise BagError(
             f'{path} is no bag with messages of type {JOINT_STATE} that can be read ({error}); look at it with '
             'rosbag info or ros2 bag info'
         ) from error
-    return folder
+    return target
 
 
 def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:

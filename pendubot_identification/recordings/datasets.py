@@ -3,6 +3,7 @@
 
 """Divides recordings into training and validation, for the command line and the identifier."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -116,12 +117,10 @@ def _rest(windows: Sequence[BagWindow]) -> list[BagWindow]:
     """Return the parts of each bag outside all of its windows."""
     rest = []
     for path in dict.fromkeys(window.path for window in windows):
-        spans = [(w.start or 0.0, w.end) for w in windows if w.path == path and not (w.end is None and not w.start)]
+        spans = [(w.start or 0.0, w.end or math.inf) for w in windows if w.path == path]
         covered = 0.0
-        for start, end in sorted(spans):
+        for start, end in [*sorted(spans), (math.inf, math.inf)]:
             if start > covered:
-                rest.append(BagWindow(path, covered or None, start))
-            covered = float('inf') if end is None else max(covered, end)
-        if spans and covered < float('inf'):
-            rest.append(BagWindow(path, covered, None))
+                rest.append(BagWindow(path, covered or None, start if start < math.inf else None))
+            covered = max(covered, end)
     return rest

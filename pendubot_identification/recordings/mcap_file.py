@@ -215,7 +215,11 @@ class McapFile:
     def _read_summary(self) -> None:
         """Read definitions, counts and the index of chunks from the end of the file, or raise any exception."""
         end = self._size - FOOTER.size - len(MAGIC)
-        start, _, checksum = FOOTER.unpack(self._read(end, FOOTER.size))
+        footer = self._read(end, FOOTER.size + len(MAGIC))
+        # In an unclosed file, any bytes would be the offset of the summary.
+        if not footer.endswith(MAGIC):
+            raise ValueError('the file was never closed')
+        start, _, checksum = FOOTER.unpack_from(footer)
         # An index with a wrong time would hide messages.
         summary = self._read(start or end, end + FOOTER.size - (start or end))
         if checksum and zlib.crc32(summary[:-4]) != checksum:
@@ -229,11 +233,13 @@ class McapFile:
                 statistics = _record(Statistics, summary[begin:stop])
             elif opcode in DEFINITIONS:
                 self._define(_record(DEFINITIONS[opcode], summary[begin:stop]))
-        # Without an index, the file is scanned.
-        if statistics and statistics.message_count and statistics.chunk_count == len(index) // 4 > 0:
+        counts = statistics.channel_message_counts if statistics else {}
+        defined = {number for number, channel in self.channels.items() if channel.schema_id in {0, *self.schemas}}
+        # Without counts, an index or definitions, which are optional, the file is scanned.
+        if statistics and counts and defined.issuperset(counts) and statistics.chunk_count == len(index) // 4 > 0:
             self._index = np.array(index).reshape(-1, 4)
             self.first_ns, self.last_ns = statistics.message_start_time, statistics.message_end_time
-            self._counts.update(statistics.channel_message_counts)
+            self._counts.update(counts)
 
     def _make_index(self) -> None:
         """Read the complete file to make the index of its intact parts: chunks, and records outside of chunks."""
@@ -328,8 +334,12 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 
 def _record(kind: Any, content: bytes) -> Any:
-    """Return a record as the library parses it."""
-    return kind.read(ReadDataStream(BytesIO(content)))
+    """Return a record as the library parses it; raise ValueError if bytes remain, as in a chunk of zeros."""
+    stream = ReadDataStream(BytesIO(content))
+    record = kind.read(stream)
+    if stream.count != len(content):
+        raise ValueError('the lengths in a record contradict each other')
+    return record
 
 
 def _gathered(data: bytes, places: Indices, kind: np.dtype[Any]) -> NDArray[Any]:
@@ -342,7 +352,10 @@ def _unpacked(record: bytes) -> bytes:
     """Return the records in a chunk, decompressed and checked, or raise any exception."""
     chunk = _record(Chunk, record[HEAD.size :])
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(size)
+    data = stream.read(size)
+    if not chunk.uncompressed_crc:
+        parse_records(data)
+    return data
 
 
 def _opened(path: Path) -> IO[bytes]:

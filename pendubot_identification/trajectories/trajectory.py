@@ -72,11 +72,6 @@ class Trajectory:
         """The median sampling interval [s]."""
         return float(np.median(np.diff(self.t), overwrite_input=True))
 
-    def window(self, start: float, end: float) -> Trajectory:
-        """Return the samples with start <= t - t[0] < end [s]."""
-        elapsed = self.t - self.t[0]
-        return self[(elapsed >= start - 1e-9) & (elapsed < end - 1e-9)]
-
     def __getitem__(self, index: slice | Flags) -> Trajectory:
         qd = None if self.qd is None else self.qd[index]
         return replace(self, t=self.t[index], q=self.q[index], tau=self.tau[index], qd=qd)

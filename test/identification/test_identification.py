@@ -367,7 +367,7 @@ PUBLISHED = np.array([0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.25
 
 @pytest.mark.recordings
 def test_a_real_rig_is_predicted_better_than_by_persistence_and_by_published_parameters():
-    motions = [motion.window(0, 4) for motion in recorded('dfki_C1_sysid', 'train')[:2]]
+    motions = [motion[motion.t < 4] for motion in recorded('dfki_C1_sysid', 'train')[:2]]
     result = identify(motions, motions[:1], Settings(model='rotor', hold='zero'))
     prepared = [Motion.prepare(m, result.smoothing, result.best.effort.hold) for m in motions]
     scale = state_scale(prepared)

@@ -115,16 +115,38 @@ def test_a_refused_repair_is_reported_in_one_sentence_and_changes_nothing(tmp_pa
     assert contents(tmp_path) == before
 
 
-def test_a_wrong_length_in_a_chunk_without_checksum_is_detected(tmp_path):
+@pytest.mark.parametrize('closed', [True, False])
+def test_a_wrong_length_in_a_chunk_without_checksum_is_detected(tmp_path, closed):
     options = {'compression': CompressionType.NONE, 'enable_crcs': False}
     file = tmp_path / 'bag.mcap'
     unclosed = foreign(file, map(message, range(300)), **options)
     found = chunks(file)
     hit = found.pop(len(found) // 2)
-    file.write_bytes(unclosed)
+    if not closed:
+        file.write_bytes(unclosed)
     damage.flip(file, hit.end - len(message(0)[1]) - 30, 0x40)  # the length of its last message
     reader, intact = BagReader(file), [each for chunk in found for each in chunk.messages]
-    assert not reader.closed
-    assert f'{len(intact)} intact messages' in reader.note
-    assert [(TOPIC, each.log_time, each.data) for part in reader.messages([TOPIC]) for each in part] == intact
-    assert (reader.first_ns, reader.last_ns, reader.count) == (intact[0][1], intact[-1][1], len(intact))
+    assert reader.closed == closed
+    if closed:
+        with pytest.raises(BagError, match=r'is damaged \d+ bytes from its start'):
+            list(reader.messages([TOPIC]))
+    else:
+        assert f'{len(intact)} intact messages' in reader.note
+        assert [(TOPIC, each.log_time, each.data) for part in reader.messages([TOPIC]) for each in part] == intact
+        assert (reader.first_ns, reader.last_ns, reader.count) == (intact[0][1], intact[-1][1], len(intact))
+    (saved,) = repair(file, tmp_path / 'copy')
+    assert by_mcap(tmp_path / 'copy') == intact
+    assert not saved.intact
+
+
+def test_a_chunk_of_zeros_is_detected(tmp_path):
+    """A copy or a disk may lose a block."""
+    sent = damage.write(tmp_path / 'bag')
+    file = tmp_path / 'bag' / 'bag_0.mcap'
+    chunk = chunks(file)[5]
+    data = file.read_bytes()
+    file.write_bytes(data[: chunk.begin] + bytes(chunk.end - chunk.begin) + data[chunk.end :])
+    outcome = damage.examine(tmp_path / 'bag', tmp_path / 'copy', sent)
+    assert outcome.refused
+    assert outcome.silent == 0
+    assert outcome.saved == damage.COUNT - damage.CHUNK

@@ -102,11 +102,6 @@ def motion(t=None, n=100, **changes):
     return Trajectory(t, **values)
 
 
-def test_a_window_is_half_open_and_in_seconds_from_the_first_sample():
-    part = motion(t=5 + np.arange(100) * 0.01).window(0.1, 0.2)
-    np.testing.assert_allclose(part.t, 5.1 + np.arange(10) * 0.01)
-
-
 UNKNOWN = np.where(np.arange(200).reshape(100, 2) == 61, np.nan, 0.0)
 
 
