@@ -21,6 +21,7 @@ from pendubot_identification.cli.main import main
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.model.simulation import HANGING, simulate
 from pendubot_identification.recordings.bag_reader import read_trajectory
+from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import ROOT
 from test.processes import Program, run_program, spin_until
 from test.studio.client import Studio, csv
@@ -89,32 +90,32 @@ def test_files_are_private_and_deleted_with_their_page_and_with_the_program(moti
     assert 'Traceback' not in program.output
 
 
-def test_the_shown_command_gives_the_same_result(page, motion, tmp_path):
+def test_a_window_of_a_long_recording_is_identified_and_the_shown_command_gives_the_same_result(page, motion, tmp_path):
     """Exported files are equal, too; the page of the result is sandboxed."""
-    columns = {
-        'columns': 't=Zeit, [ms],q1=a',
-        'time_unit': 'ms',
-        'negate': 'q2',
-        'delay': '-0.01:0.02',
-        'bounds': 'b2=0,P1=0:0.5',
-        **QUICK,
-    }
-    text = csv(motion, names=('"Zeit, [ms]"', 'a', 'q2', 'tau1'), convert=lambda q: q * (1, -1))
-    rows = text.splitlines()
-    text = '\n'.join(
-        [rows[0], *(f'{1e3 * float(t):.9g},{rest}' for t, rest in (row.split(',', 1) for row in rows[1:]))]
-    )
-    page.give('run 1.csv', text)
-    done = page.do('identify', 'run 1.csv', **columns)['done']
+    t = np.arange(0, 700, 0.01)
+    q, tau = (np.column_stack([np.interp(t % 18, motion.t, x) for x in values.T]) for values in (motion.q, motion.tau))
+    names = '"Zeit, [ms]"', 'a', 'q2', 'tau1'
+    text = csv(Trajectory(1000 * t, q, tau), names=names, convert=lambda q: q * (1, -1))
+    assert len(text) > 2 << 20, 'the server keeps a smaller request in memory'
+    assert page.give('run 1.csv', text)[0] == 200
+    columns = {'columns': 't=Zeit, [ms],q1=a', 'time_unit': 'ms', 'negate': 'q2'}
+    found = page.do('describe', 'run 1.csv', **columns)['done']
+    assert 'take windows of it' in found['problem']['sentence']
+    assert found['problem']['window'] == ':60'
+    assert found['taken'] == {'t': 'Zeit, [ms]', 'q1': 'a', 'q2': 'q2', 'tau1': 'tau1'}
+    columns |= {'delay': '-0.01:0.02', 'bounds': 'b2=0,P1=0:0.5', **QUICK}
+    done = page.do('identify', 'run 1.csv', windows={'start': '0', 'end': '17'}, **columns)['done']
     assert done['missing'] == {}
     answer = page.studio.request('GET', f'{page.path}output/report.html')
     assert answer.getheader('Content-Security-Policy').startswith('sandbox allow-scripts')
     assert 'same-origin' not in answer.getheader('Content-Security-Policy')
     (tmp_path / 'run 1.csv').write_text(text)
     words = shlex.split(f'{done["command"]} --report report')
+    assert 'run 1.csv@0:17' in words
     subprocess.run([sys.executable, '-m', 'pendubot_identification.cli.main', *words[1:]], cwd=tmp_path, check=True)
     by_shell = (tmp_path / 'report' / 'result.yaml').read_text()
     assert page.output('result.yaml') == by_shell
+    assert yaml.safe_load(by_shell)['parameters']['P4']['value'] == pytest.approx(PAPER.P4, rel=0.05)
     run_program('pendubot', 'export', tmp_path / 'report' / 'result.yaml', '--output', tmp_path / 'rig.urdf')
     assert page.output('pendubot.urdf') == (tmp_path / 'rig.urdf').read_text()
 
@@ -170,23 +171,6 @@ def test_an_invalid_file_gives_the_same_message_as_in_the_shell(page, tmp_path, 
         assert (described['remedy'] == {'decimal': 'comma'}) == (name == 'german.csv')
     (checked,) = page.do('check', name)['done']
     assert checked['sentence'] == described['sentence']
-
-
-def test_a_long_recording_is_received_and_a_window_of_it_is_identified(page, motion):
-    t = np.arange(0, 700, 0.01)
-    q, tau = (np.column_stack([np.interp(t % 18, motion.t, x) for x in values.T]) for values in (motion.q, motion.tau))
-    rows = [f'{a:.3f},{b:.7f},{c:.7f},{d:.5f}' for a, (b, c), d in zip(t, q, tau[:, 0], strict=True)]
-    content = '\n'.join(['t,q1,q2,tau1', *rows]).encode()
-    assert len(content) > 2 << 20, 'the server keeps a smaller request in memory'
-    assert page.give('day.csv', content)[0] == 200
-    found = page.do('describe', 'day.csv')['done']
-    assert 'take windows of it' in found['problem']['sentence']
-    assert found['problem']['window'] == ':60'
-    assert found['taken'] == {name: name for name in ('t', 'q1', 'q2', 'tau1')}
-    window = {'start': '0', 'end': '17'}
-    done = page.do('identify', 'day.csv', windows=window, **QUICK)['done']
-    assert ' day.csv@0:17 ' in done['command']
-    assert yaml.safe_load(page.output('result.yaml'))['parameters']['P4']['value'] == pytest.approx(PAPER.P4, rel=0.05)
 
 
 def test_on_a_full_disk_the_message_has_a_remedy_and_no_private_path(tmp_path):
