@@ -21,7 +21,7 @@ from test import real
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig, record, true
 from test.virtual import recording, trajectory
 
-RECORDINGS = 3
+RECORDINGS = 2
 SATURATED, OFFSET, LAGGING = ('saturation', 2), ('offset', 0), ('lag', 2)
 #: The rigs by name and strength, simulated at once.
 RIGS = {None: Rig()} | {
@@ -32,7 +32,7 @@ RIGS = {None: Rig()} | {
 
 @pytest.fixture(scope='module')
 def recordings():
-    """Return three recordings of 8 s of each rig."""
+    """Return two recordings of 8 s of each rig."""
     batch = [rig for rig in RIGS.values() for _ in range(RECORDINGS)]
     seeds = [*range(RECORDINGS)] * len(RIGS)
     recordings = iter(record(seeds, batch, seconds=8.0, step=0.002, begin=10.0 * np.array(seeds)))
