@@ -29,7 +29,6 @@ __all__ = [
     'identify',
     'read',
     'simulate',
-    'sweep',
 ]
 
 kernel.wanted = os.environ.get('PENDUBOT_KERNEL', 'on') != 'off'

@@ -8,7 +8,6 @@ from .api import describe as describe
 from .api import identify as identify
 from .api import read as read
 from .api import simulate as simulate
-from .api import sweep as sweep
 from .errors import PendubotError as PendubotError
 from .level import Level as Level
 from .model.parameters import Parameters as Parameters

@@ -18,7 +18,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from inspect import cleandoc
-from itertools import product
 from pathlib import Path
 from textwrap import fill
 from types import ModuleType
@@ -379,27 +378,6 @@ def compare(results: Mapping[str, Identified]) -> DataFrame:
     frame = _frame(cells, list(rows))
     frame.attrs['notes'] = found['notes']
     return frame
-
-
-def sweep(
-    *recordings: Trajectory | File | DataFrame, over: Mapping[str, Sequence[object]], **options: object
-) -> dict[str, Identified]:
-    """Identify with every combination of values of some arguments; return the results, for :func:`compare`, by these.
-
-    Args:
-        recordings: of :func:`identify`.
-        over: values by argument of it, such as ``{'smoothing': [0.02, 0.05], 'hold': ['zero', 'linear']}``.
-        options: its other arguments.
-
-    Raises:
-        PendubotError: as :func:`identify`.
-    """
-    run: Callable[..., Identified] = identify
-    combinations = [dict(zip(over, values, strict=True)) for values in product(*over.values())]
-    return {
-        ', '.join(f'{name}={value}' for name, value in each.items()): run(*recordings, **options, **each)
-        for each in combinations
-    }
 
 
 def _frame(columns: Mapping[Any, Any], index: Sequence[str]) -> DataFrame:

@@ -30,7 +30,6 @@ from pendubot_identification import (
     identify,
     read,
     simulate,
-    sweep,
 )
 from pendubot_identification.control.linear_control import linearise
 from pendubot_identification.formats.export import export
@@ -200,20 +199,15 @@ def test_a_result_of_arrays_is_reported_and_plotted_from_memory(tmp_path):
         Identified.load(tmp_path / 'rig.yaml').plot()
 
 
-def test_a_sweep_has_a_result_for_each_combination_and_is_compared_in_a_frame(found):
+def test_results_are_compared_in_a_frame(found):
     pytest.importorskip('pandas')
-    motion, over = read(SAMPLE), {'smoothing': [None, 0.05], 'model': ['viscous', 'coulomb']}
-    results = sweep(motion, over=over, criterion='weak', hold='zero')
-    assert list(results)[1:3] == ['smoothing=None, model=coulomb', 'smoothing=0.05, model=viscous']
-    np.testing.assert_allclose(results['smoothing=None, model=viscous'].theta, found.theta, rtol=1e-9)
-    frame, (first, *_, last) = compare(results), results
-    assert (results[last].result.smoothing, results[last].result.model) == (0.05, 'coulomb')
-    np.testing.assert_array_equal(frame[last, 'value'], results[last].theta)
-    apart = frame[last, 'value'] - frame[first, 'value']
-    error = np.hypot(frame[first, 'std_error'], frame[last, 'std_error'])
-    np.testing.assert_allclose(frame[last, 't'], apart / error, rtol=1e-9)
-    with pytest.raises(PendubotError, match='smoothing'):
-        sweep(motion, over={'smoothing': [-1.0]})
+    other = identify(SAMPLE, **FAST | {'model': 'coulomb'}, smoothing=0.05)
+    assert (other.result.smoothing, other.result.model) == (0.05, 'coulomb')
+    frame = compare({'first': found, 'other': other})
+    np.testing.assert_array_equal(frame['other', 'value'], other.theta)
+    apart = frame['other', 'value'] - frame['first', 'value']
+    error = np.hypot(frame['first', 'std_error'], frame['other', 'std_error'])
+    np.testing.assert_allclose(frame['other', 't'], apart / error, rtol=1e-9)
 
 
 def choices_of(hint):

@@ -15,7 +15,6 @@ from pendubot_identification import (
     identify,
     read,
     simulate,
-    sweep,
 )
 from pendubot_identification.arrays import Array
 
@@ -31,7 +30,6 @@ def types(rig: Pendubot) -> None:
     assert_type((found.level, found.warnings, found.command), tuple[Level, list[str], str])
     assert_type((found.report('look'), rig.export('a.urdf'), Pendubot.load('a.yaml')), tuple[Path, Path, Pendubot])
     assert_type(simulate(rig, motion.t, 0.3), Trajectory)
-    assert_type(sweep(motion, over={'seed': [1, 2]}), dict[str, Identified])
     assert_type((rig.mass_matrix(motion.q), rig.linearised()), tuple[Array, tuple[Array, Array]])
     assert_type(accelerations(rig.theta, 0.1, 0.2, 0.3, 0.4, 0.5, 0.0), tuple[float, float])
     identify('a', criterion='weka')  # type: ignore[arg-type]
