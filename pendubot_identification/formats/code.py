@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The model as code in MATLAB, C, Python and JavaScript: parameters, and functions without dependencies.
+"""The model as code in MATLAB, C and Python: parameters, and functions without dependencies.
 
 The equations of :mod:`..model.dynamics` are written here once; each language substitutes its own names.
 """
@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from pendubot_identification.model.dynamics import GRAVITY, SIGN_WIDTH, STRIBECK_SPEED
-from pendubot_identification.model.parameters import MODELS, NAMES
+from pendubot_identification.model.parameters import MODELS
 
 
 class Entry(NamedTuple):
@@ -187,17 +187,3 @@ def acceleration(q, v, tau, lib=math):
     determinant = m11*m22 - m12*m12
     return (m22*r1 - m12*r2) / determinant, (m11*r2 - m12*r1) / determinant
 '''
-
-
-def javascript(size: int) -> str:
-    """Return a function from ``size`` parameters p, a state and torques [SI units] to q1'', q2'' [rad/s^2]."""
-    names = {name: f'p[{k}]' for k, name in enumerate(NAMES[:size])} | {'fabs': 'Math.abs'}
-    names |= {name: f'Math.{name}' for name in ('cos', 'sin', 'tanh', 'exp')}
-    m11, m12, m22, h1, h2, f1, f2 = _equations(size, names)
-    return f"""\
-(p, q1, q2, v1, v2, tau1, tau2) => {{
-  const m11 = {m11}, m12 = {m12}, m22 = {m22}, determinant = m11*m22 - m12*m12;
-  const r1 = tau1 - ({h1}) - ({f1});
-  const r2 = tau2 - ({h2}) - ({f2});
-  return [(m22*r1 - m12*r2)/determinant, (m11*r2 - m12*r1)/determinant];
-}}"""

@@ -11,7 +11,6 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -22,8 +21,6 @@ from markupsafe import Markup, escape
 from pendubot_identification import __version__
 from pendubot_identification.errors import PendubotError
 from pendubot_identification.files import OutputFolder
-from pendubot_identification.formats.code import javascript
-from pendubot_identification.model.parameters import NAMES
 from pendubot_identification.results.provenance import command
 from pendubot_identification.results.result import Result, result_text
 from pendubot_identification.tracking.events import Event, State
@@ -32,9 +29,6 @@ from . import plots, tables
 from .plots import Picture, Prepared, Recordings
 from .tables import Beside, Table, typeset
 from .time_plot import TimePlot
-
-#: Largest ratio of the drawn lengths of both links, so that both are visible.
-LARGEST_RATIO = 10.0
 
 
 def result_page(
@@ -48,7 +42,6 @@ def result_page(
 
     ``notes`` are the reasons for missing pictures, ``text`` is the content of the result file for download.
     """
-    model = _rig(result, beside)
     return render(
         'page.html.jinja',
         pictures,
@@ -57,8 +50,6 @@ def result_page(
         beside=beside,
         notes=notes,
         download=text and Markup('data:text/plain,' + quote(text)),
-        rig=model,
-        acceleration=Markup(javascript(len(model['names']))),
         command=command(result),
     )
 
@@ -76,23 +67,13 @@ def render(template: str, pictures: Iterable[Picture], **context: Any) -> str:
     environment.filters['typeset'] = typeset
     environment.globals['file'] = lambda name: Markup((folder / name).read_text(encoding='utf-8'))
     shown = {picture.name: picture for picture in pictures}
-    plots = {name: _content(p.content) for name, p in shown.items() if isinstance(p.content, TimePlot)}
+    plots = {name: p.content._asdict() for name, p in shown.items() if isinstance(p.content, TimePlot)}
     figures = {name: _address(picture.files('svg')['svg'].decode()) for name, picture in shown.items()}
-    data = {'plots': plots, 'rig': context.setdefault('rig', None)}
-    context.setdefault('acceleration', 'null')
     # Within a script element only its end tag is markup.
-    script = Markup(json.dumps(data, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
+    script = Markup(json.dumps(plots, ensure_ascii=False, separators=(',', ':')).replace('<', '\\u003c'))
     return environment.get_template(template).render(
         context, pictures=shown, plots=plots, script=script, figures=figures
     )
-
-
-def _content(plot: TimePlot) -> dict[str, Any]:
-    """Return the content of a plot, without the lines that the page simulates itself."""
-    if plot.live is None:
-        return plot._asdict()
-    panels = [{**panel, 't': [], 'lines': [line | {'y': []} for line in panel['lines']]} for panel in plot.panels]
-    return plot._replace(panels=panels)._asdict()
 
 
 def _address(svg: str) -> Markup:
@@ -177,36 +158,6 @@ def _write(
     drawn = {f'{p.name}.{ending}': content for p in static for ending, content in p.files('svg', 'png').items()}
     folder.write({**files, **drawn, 'report.html': page})
     return (folder.path / 'report.html').absolute()
-
-
-def _proportions(result: Result) -> tuple[float, float, str]:
-    """Return the lengths with which both links are drawn, and a sentence on their origin."""
-    p, measured = result.theta, result.link_length.expected
-    l1, l2 = (measured or p.P3 / p.P5, 1.5 * p.P2 / p.P5) if p.P5 > 0 else (0.0, 0.0)
-    if not (l1 > 0 and l2 > 0 and max(l1, l2) <= LARGEST_RATIO * min(l1, l2)):
-        return 1.0, 1.0, 'Both links are drawn equally long, because the parameters give no length that can be drawn.'
-    origin = 'as measured' if measured else 'P3 / P5'
-    return (
-        l1,
-        l2,
-        f'Drawn to scale: link 1 is {100 * l1:.3g} cm long ({origin}), link 2 as a uniform rod {100 * l2:.3g} cm '
-        '(3/2 P2 / P5).',
-    )
-
-
-def _rig(result: Result, beside: Beside | None = None) -> dict[str, Any]:
-    """Return the data for ``page.js``: parameters, intervals and lengths, and the parameters of another result."""
-    vectors = {'identified': result.theta, **({beside[1]: beside[0].theta} if beside else {})}
-    size = max(len(p.vector(result.model)) for p in vectors.values())
-    ends = {name: entry.interval for name, entry in result.parameters.items()}
-    *lengths, scale = _proportions(result)
-    return {
-        'names': NAMES[:size],
-        'vectors': {name: astuple(p)[:size] for name, p in vectors.items()},
-        'intervals': {n: (low, high) for n, (low, high) in ends.items() if None not in (low, high) and low != high},
-        'lengths': lengths,
-        'scale': scale,
-    }
 
 
 def _folders(*texts: str) -> list[str]:

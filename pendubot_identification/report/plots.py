@@ -186,9 +186,8 @@ class Prepared:
             TrajectoryError: the recordings are too short to be simulated.
         """
         motions, delay = self.validating or self.estimating, self.result.effort.delay
-        motion, t, pieces, substeps, complete = _worst_part(motions, self.theta, delay, self.scale)
+        motion, t, pieces, complete = _worst_part(motions, self.theta, delay, self.scale)
         measured, steps = motion.states(t), len(pieces) - 1
-        tau = motion.torques(t[:1] - delay, STEP, len(t) - 1)[:, :, 0]
         # The start of the next simulation replaces the last state of each.
         states = np.column_stack([np.moveaxis(pieces[:-1], 0, 2).reshape(4, -1), pieces[-1, :, -1]])
         starts = np.append(np.arange(len(t) - 1) % steps == 0, False)
@@ -208,16 +207,7 @@ class Prepared:
         panels += [panel('error', 'rad', [t], errors[:2]), panel('error', 'rad/s', [t], errors[2:])]
         part = '' if complete else motion.name
         about = {'validation': bool(self.validating), 'ahead': steps * STEP, 'part': part}
-        live = {
-            'first': round(float(t[0]), 9),
-            'step': STEP,
-            'substeps': substeps,
-            'every': steps,
-            'states': [[float(f'{x:.7g}') for x in state] for state in measured.tolist()],
-            'tau': [[float(f'{x:.5g}') for x in torque] for torque in tau.tolist()],
-            'scale': self.scale.tolist(),
-        }
-        return [Picture('simulation', TimePlot(panels, self.marks, live), about)]
+        return [Picture('simulation', TimePlot(panels, self.marks), about)]
 
     @drawn
     def unexplained_torque(self) -> list[Picture]:
@@ -322,13 +312,12 @@ def _one_after_the_other(motions: Sequence[Trajectory]) -> tuple[list[Trajectory
 
 def _worst_part(
     motions: Sequence[Motion], theta: Array, delay: float, scale: Array
-) -> tuple[Motion, Array, Array, int, bool]:
+) -> tuple[Motion, Array, Array, bool]:
     """Simulate recordings from measured states, and return the worst predicted part of one of them.
 
     Returns:
         The motion; the times of the part every :data:`STEP`, shape (N,); the states of K simulations of L steps, shape
-        (L + 1, 4, K), NaN after one diverges; the number of substeps of each step; whether the part contains all
-        data.
+        (L + 1, 4, K), NaN after one diverges; whether the part contains all data.
 
     Raises:
         TrajectoryError: the recordings are too short to be simulated.
@@ -351,7 +340,7 @@ def _worst_part(
     states = np.where(np.isfinite(states), states, np.nan)[:: simulations.substeps, :, shown]
     starts = simulations.t
     t = starts[shown.start] + STEP * np.arange((len(states) - 1) * states.shape[2] + 1)
-    return motion, t, states, simulations.substeps, len(motions) == 1 and len(starts) <= shown.stop - shown.start
+    return motion, t, states, len(motions) == 1 and len(starts) <= shown.stop - shown.start
 
 
 def _autocorrelation(times: Sequence[Array], parts: Sequence[Array]) -> tuple[Array, Array]:

@@ -74,7 +74,6 @@ class TimePlot(NamedTuple):
 
     panels: Sequence[Mapping[str, Any]]  #: see :func:`panel`.
     spans: Sequence[Span] = ()
-    live: Mapping[str, Any] | None = None  #: measured motion for simulations in the page.
 
     def figure(self) -> Figure:
         """Return the plot as a static figure, as wide as a page of paper."""
