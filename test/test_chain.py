@@ -16,7 +16,6 @@ import yaml
 from pendubot_identification.model.parameters import NAMES, PAPER
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.processes import Program, until
-from test.witness import Witness
 
 pytestmark = pytest.mark.ros
 
@@ -24,9 +23,9 @@ pytestmark = pytest.mark.ros
 class Demo(Program):
     """A demonstration whose programs can be paused, as on a busy computer."""
 
-    def __init__(self, folder, *options):
+    def __init__(self, folder):
         self.folder = folder
-        super().__init__('pendubot', 'demo', '--output', folder, *options)
+        super().__init__('pendubot', 'demo', '--output', folder)
 
     def wait_for_log(self, name, text):
         """Wait for a text in the log of a program."""
@@ -56,14 +55,11 @@ def _group(process):
 def test_the_demo_ends_with_a_table_of_all_criteria_and_the_true_values(tmp_path):
     """Each program pauses for as long as on a busy computer."""
     folder = tmp_path / 'demo'
-    with Witness() as witness, Demo(folder) as demo:
-        begun = time.monotonic_ns()
+    with Demo(folder) as demo:
         demo.wait_for_log('exciter', 'exciting')
         for program in ('virtual_board', 'bridge', 'exciter', 'recorder', ''):
             demo.pause(0.5, program)
         assert demo.process.wait(240) == 0, demo.output
-        # The demo repeats the recording only if the machine itself pauses longer.
-        assert 'once more' not in demo.output or witness.longest_pause(begun) > 100
     domain = re.search(r'virtual rig in ROS domain (\d+),', demo.output)[1]
     assert domain not in ('0', os.environ['ROS_DOMAIN_ID'])
     row = r'^(P[1-5]|b[12]) \[.*\] +([0-9.]+) +[0-9.]+ to [0-9.]+ +([0-9.]+) +([0-9.]+)(?: +\w+)?$'
@@ -80,26 +76,6 @@ def test_the_demo_ends_with_a_table_of_all_criteria_and_the_true_values(tmp_path
     motion = read_trajectory(folder / 'paper_experiment').trajectory
     assert abs(motion.tau).max() > 0.5, 'the rig was excited'
     assert not motion.tau[:, 1].any(), 'a pendubot has no motor at the elbow'
-
-
-def test_the_balance_demo_ends_with_a_balanced_rig_and_a_figure(tmp_path):
-    """The controller uses only identified parameters. Short pauses are harmless; after a long one the demo repeats."""
-    folder = tmp_path / 'demo'
-    with Demo(folder, '--balance') as demo:
-        demo.wait_for_log('balancer', 'armed and moving')
-        for program in ('virtual_board', 'bridge', 'balancer', ''):
-            demo.pause(0.5, program)
-        assert 'stopped' not in (folder / 'balancer.log').read_text()
-        demo.pause(3.0, 'virtual_board')
-        demo.wait_for('the balancer stopped: ')
-        demo.wait_for('once more')
-        assert demo.process.wait(240) == 0, demo.output
-    row = r'upright after ([0-9.]+) s, held for ([0-9.]+) s: .* at most ([0-9.]+) of 2 N m'
-    _, held, peak = map(float, re.search(row, demo.output).groups())
-    assert held >= 10.0
-    assert peak <= 2.0
-    assert 'delay margin [s] 0.0' in demo.output
-    assert (folder / 'balance.png').read_bytes().startswith(b'\x89PNG')
 
 
 def test_a_demo_never_overwrites(tmp_path, refused):

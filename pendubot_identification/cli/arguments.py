@@ -404,7 +404,6 @@ def _demo(parser: Any) -> None:
     of ROS_DOMAIN_ID and similar variables, and reaches no real rig.
     """
     _path(parser, '--output', 'DIR', 'new folder for bag and result (default: a temporary folder)')
-    _switch(parser, '--balance', 'instead: identify another virtual rig, swing it up, balance it, and draw its motion')
 
 
 def _studio(parser: Any) -> None:

@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from io import BytesIO
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -384,15 +383,3 @@ def _panels(height: float, rows: int, columns: int = 1, **shared: Any) -> tuple[
     """Return a figure, ``height`` inches high, and its axes, row by row."""
     figure = Figure(figsize=(COLUMN, height), layout='constrained')
     return figure, figure.subplots(rows, columns, squeeze=False, **shared).ravel()
-
-
-def draw_balance(path: Path, motion: Trajectory, limit: float) -> None:
-    """Draw the angles of a swing-up from upright, and the torque with its limit [N m], into a picture file."""
-    t = [motion.t - motion.t[0]]
-    upright = np.degrees(np.remainder(np.cumsum(motion.q, axis=1) + math.pi / 2, 2 * math.pi) - math.pi)
-    angles = [Line(f'link {k + 1}', [upright[:, k]], COLOURS[k], 0.5, 'dots') for k in (0, 1)]
-    limits = [Line('', [np.full(len(motion), bound)], GREY) for bound in (-limit, limit)]
-    torque = Line('', [motion.tau[:, 0]], MEASURED, 0.7, 'steps')
-    panels = [panel('from upright', 'degrees', t, angles, (-185, 185)), panel('torque', 'N m', t, [torque, *limits])]
-    picture = Picture('balance', TimePlot(panels))
-    path.write_bytes(picture.files(path.suffix[1:])[path.suffix[1:]])

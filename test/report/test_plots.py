@@ -150,12 +150,3 @@ def test_pieces_are_joined_by_gaps_in_ascending_time():
     assert np.isnan(y).sum() == 1
     assert len(y) <= 402
     assert joined([], [])[0].shape == (0,)
-
-
-def test_the_figure_of_a_swing_up_shows_both_links_the_torque_and_its_limit(tmp_path):
-    t = np.arange(200) * 0.01
-    q = np.column_stack([np.linspace(-math.pi / 2, math.pi / 2, 200), np.zeros(200)])
-    plots.draw_balance(tmp_path / 'a.svg', Trajectory(t, q, np.column_stack([np.sin(t), 0 * t])), 2.0)
-    text = (tmp_path / 'a.svg').read_text()
-    for words in ('[degrees]', 'link 1', 'link 2', '[N m]', 'time [s]'):
-        assert f'<!-- {words}' in text or f'\n{words} -->' in text, words
