@@ -22,7 +22,7 @@ NODES = 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tr
 MODULES = {name: ('pendubot_identification.programs', name) for name in NODES}
 #: The programs for virtual boards: the package's, and the firmware's Linux program.
 BOARDS = {'python': MODULES['virtual_board'], 'c': ('test.firmware.host_board',)}
-MODULES |= {'pendubot': ('pendubot_identification.cli.main',), 'watcher': ('pendubot_identification.nodes.watcher',)}
+MODULES |= {'pendubot': ('pendubot_identification.cli.main',)}
 MODULES |= {'listener': ('test.listener',)}
 
 

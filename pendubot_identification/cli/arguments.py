@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
         'info': (_info, 'describe the content of a recording'),
         'repair': (_repair, 'write a closed copy of an unclosed, truncated or damaged bag'),
         'reproduce': (_reproduce, "reproduce the paper's tables and figures"),
-        'studio': (_studio, 'identify in a browser page, and see the running rig'),
+        'studio': (_studio, 'identify in a browser page'),
         'demo': (_demo, 'run the complete chain on a virtual rig (needs ROS)'),
         'completion': (_completion, 'print a completion script for a shell'),
         'help': (_help, 'describe pendubot or a subcommand'),
@@ -407,9 +407,9 @@ def _demo(parser: Any) -> None:
 
 
 def _studio(parser: Any) -> None:
-    """Open a browser page for the identification of recordings. With ROS it also shows the running rig, read-only. The
-    server answers only browsers on this computer with the token in the address, and loads nothing from a network.
-    Files stay in a private folder, which is deleted when the page or the studio is closed.
+    """Open a browser page for the identification of recordings. The server answers only browsers on this computer with
+    the token in the address, and loads nothing from a network. Files stay in a private folder, which is deleted when
+    the page or the studio is closed.
 
     Examples:
       pendubot studio swing run.csv       with recordings

@@ -3,6 +3,6 @@
 
 """A guided identification in the browser, on this computer alone.
 
-The server stores files and starts programs: a worker for each task, which uses the Python interface, and the watcher of
-the running rig. A task is one request; its answer is a stream of JSON lines, and the program ends with the request.
+The server stores files and starts a worker for each task, which uses the Python interface. A task is one request; its
+answer is a stream of JSON lines, and the worker ends with the request.
 """

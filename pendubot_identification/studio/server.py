@@ -20,7 +20,6 @@ import webbrowser
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +73,7 @@ class Session:
 
 
 class Studio:
-    """The sessions, and the programs for their tasks."""
+    """The sessions, and the workers for their tasks."""
 
     def __init__(self, given: dict[str, str], port: int, *, debug: bool) -> None:
         self.token = secrets.token_urlsafe(24)
@@ -99,7 +98,6 @@ class Studio:
                 web.put(f'{session}/files/{{name:.+}}', self._receive),
                 web.post(f'{session}/{{task:describe|check|identify}}', self._do),
                 web.get(f'{session}/output/{{name}}', self._output),
-                web.get(f'{at}/live', self._live),
             ]
         )
         return app
@@ -134,8 +132,7 @@ class Studio:
         self._sessions[name] = Session(self._root / name, recordings)
         (self._root / name / 'files').mkdir(parents=True)
         about = {name: _described(setting) for name, setting in SETTINGS.items()}
-        known = {'session': name, 'given': list(self._given), 'settings': about, 'live': find_spec('rclpy') is not None}
-        return web.json_response(known)
+        return web.json_response({'session': name, 'given': list(self._given), 'settings': about})
 
     async def _end(self, request: web.Request) -> web.Response:
         session = self._sessions.pop(request.match_info['session'], None)
@@ -183,18 +180,14 @@ class Studio:
 
     def prepare(self) -> asyncio.Task[asyncio.subprocess.Process]:
         """Start the worker of the next task before it is needed, because its imports take a second."""
-        self._spare = asyncio.create_task(self._started('pendubot_identification.studio.worker'))
+        self._spare = asyncio.create_task(self._started())
         return self._spare
 
-    async def _live(self, request: web.Request) -> web.StreamResponse:
-        """Relay the lines of the watcher, until the page closes."""
-        return await _relay(request, await self._started('pendubot_identification.nodes.watcher'))
-
-    async def _started(self, module: str) -> asyncio.subprocess.Process:
+    async def _started(self) -> asyncio.subprocess.Process:
         quiet = None if self._debug else asyncio.subprocess.DEVNULL
         pipe = asyncio.subprocess.PIPE
         env = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}
-        words = sys.executable, '-m', module
+        words = sys.executable, '-m', 'pendubot_identification.studio.worker'
         return await asyncio.create_subprocess_exec(*words, stdin=pipe, stdout=pipe, stderr=quiet, limit=LINE, env=env)
 
     async def _output(self, request: web.Request) -> web.StreamResponse:
@@ -212,7 +205,7 @@ async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
 
 
 async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> web.StreamResponse:
-    """Send each line of a program at once, and end the program with the request; report a missing last line."""
+    """Send each line of a worker at once, and end the worker with the request; report a missing last line."""
     response = web.StreamResponse(headers={'Content-Type': 'application/x-ndjson'})
     line = b''
     assert process.stdout is not None
@@ -231,11 +224,7 @@ async def _relay(request: web.Request, process: asyncio.subprocess.Process) -> w
 
 
 async def _ended(process: asyncio.subprocess.Process) -> None:
-    """End a program; it has two seconds to leave the ROS network."""
     with suppress(ProcessLookupError):
-        process.terminate()
-        with suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(process.wait(), 2.0)
         process.kill()
     await asyncio.shield(process.wait())
 

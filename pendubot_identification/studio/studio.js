@@ -51,7 +51,7 @@ function command(text) {
 }
 
 /* ---- pictures ---- */
-function rig(q1, q2, box, ...kids) {  // q1 from the horizontal, q2 from the line of link 1
+function rig(q1, q2, box, kids) {  // q1 from the horizontal, q2 from the line of link 1
   const [x, y] = [28 * Math.cos(q1), -28 * Math.sin(q1)];
   const [u, v] = [x + 24 * Math.cos(q1 + q2), y - 24 * Math.sin(q1 + q2)];
   return html`<svg class="rig" viewBox="${box}" aria-hidden="true"><path d="M-5 2 L-9 9 H9 L5 2"/>${kids}
@@ -74,18 +74,6 @@ function spark(values) {
 /* ---- tasks: the answer to a request is JSON lines; to abort the request ends its program ---- */
 const SILENT = { sentence: 'the studio does not answer; is it still running in its terminal?' };
 const at = (path) => `sessions/${about.session}/${path}`;
-async function follow(url, how, onEvent) {
-  try {
-    const answer = await fetch(url, how);
-    if (!answer.ok) throw { sentence: await answer.text() };
-    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
-    for (let rest = '', chunk; !(chunk = await reader.read()).done;) {
-      const lines = (rest + chunk.value).split('\n');
-      rest = lines.pop();
-      for (const each of lines) onEvent(JSON.parse(each));
-    }
-  } catch (error) { throw error.name === 'AbortError' || error.sentence ? error : SILENT; }
-}
 function job(files = state.files) {
   const part = (wanted) => files.filter(({ role }) => role === wanted).map(({ role, ...window }) => window);
   return JSON.stringify({ bags: part('estimate'), validate: part('validate'), options: state.options });
@@ -96,11 +84,19 @@ async function task(name, files, onProgress) {
   const control = running = new AbortController();
   let last = SILENT;
   try {
-    await follow(at(name), { method: 'POST', body: job(files), signal: control.signal }, (event) => {
-      last = event;
-      if ('progress' in event) onProgress(event);
-    });
-  } finally { if (running === control) running = null; }
+    const answer = await fetch(at(name), { method: 'POST', body: job(files), signal: control.signal });
+    if (!answer.ok) throw { sentence: await answer.text() };
+    const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let rest = '', chunk; !(chunk = await reader.read()).done;) {
+      const lines = (rest + chunk.value).split('\n');
+      rest = lines.pop();
+      for (const each of lines) {
+        last = JSON.parse(each);
+        if ('progress' in last) onProgress(last);
+      }
+    }
+  } catch (error) { throw error.name === 'AbortError' || error.sentence ? error : SILENT; }
+  finally { if (running === control) running = null; }
   if (!('done' in last)) throw last.problem ?? SILENT;
   return last.done;
 }
@@ -349,40 +345,6 @@ function result() {
     ${actions(true, 'Another recording', 'again')}`;
 }
 
-/* ---- the running rig ---- */
-function watched({ q, effort = 0, rate, parameters, level, message }) {
-  const figure = (name, value, measure) => html`<div><dt>${name}</dt><dd>${value} <small>${measure}</small></dd></div>`;
-  const side = Math.sign(effort), torque = side !== 0 &&
-    html`<path class="arc" d="M${13 * side} -9 A16 16 0 0 ${side > 0 ? 0 : 1}
-    ${-13 * side} -9 m0 -6 v6 l${5.6 * side} -2.1"/>`;
-  const gravity = html`<path d="M50 -52 V-36 m-3 -5 l3 5 l3 -5"/><text x="40" y="-41">g</text>`;
-  const rows = parameters.map(({ name, value, half, unit: measure }) =>
-    html`<tr><th scope="row">${name}</th><td>${number(value)}</td>
-    <td>${half == null ? '–' : `± ${number(half, 2)}`}</td><td class="text">${(measure ?? '').replace('^2', '²')}</td>
-    <td>${half != null && html`<meter min="0" max="1" value="${Math.min(1, Math.abs(half / value))}"
-      aria-label="± of ${name}"></meter>`}</td></tr>`);
-  return html`${heading('The running rig', q ? 'This page shows the published data and sends nothing.'
-    : 'No joint states are published. Start the bridge.')}
-    ${level ? note(level, html`<strong>${level}</strong> ${message}`) : message && note('ERROR', message)}
-    <div class="watch"><div class="card">${rig(...(q ?? [DOWN, 0]), '-58 -58 116 116', torque, gravity)}</div>
-      <div class="card">${q && html`<dl class="figures">${figure('q1', number(q[0], 3), 'rad')}
-        ${figure('q2', number(q[1], 3), 'rad')}
-        ${figure('effort', number(effort, 3), 'N m')}${figure('samples', rate.toFixed(0), 'Hz')}</dl>`}
-      ${rows.length ? html`<table class="numbers"><thead><tr><th scope="col">parameter</th>
-      <th scope="col">value</th><th scope="col">95 % interval</th><th scope="col" class="text">unit</th>
-      <th scope="col">± of value</th></tr></thead><tbody>${rows}</tbody></table>`
-      : html`<p class="note">No parameters are published. Start the identifier or the tracker.</p>`}</div></div>`;
-}
-async function watch() {
-  const show = (content) => { $('#live').innerHTML = content.text; };
-  watch.own = new AbortController();
-  show(busy('listening'));
-  try {
-    await follow('live', { signal: watch.own.signal }, (event) =>
-      { if (event.problem) throw event.problem; show(watched(event)); });
-  } catch (error) { if (error.name !== 'AbortError') show(refusal(error)); }
-}
-
 /* ---- the frame ---- */
 const estimating = () => state.files.some((file) => file.role === 'estimate');
 /* Each step: its name, the function that draws it, and whether it is available. */
@@ -407,14 +369,6 @@ function draw() {
   if (set || act) document.querySelector(set ? `[data-set="${set}"]`
     : `[data-do="${act}"]`)?.focus({ preventScroll: true });
 }
-function view(name) {
-  watch.own?.abort();
-  for (const each of ['steps', 'live']) {
-    $(`#${each}`).hidden = each !== name;
-    $(`[data-do="view:${each}"]`).setAttribute('aria-pressed', String(each === name));
-  }
-  if (name === 'live') watch();
-}
 function apply({ remedy, whole, ...window }) {
   const replaced = whole ? Object.keys(state.options).filter((name) => about.settings[name].reading) : [];
   for (const name of replaced) delete state.options[name];
@@ -422,7 +376,7 @@ function apply({ remedy, whole, ...window }) {
   if (!remedy) Object.assign(state.files[state.shown], window);
   changed();
 }
-const ACTS = { go: (k) => go(Number(k)), view, start: fit, stop: cancel, again: () => location.reload(),
+const ACTS = { go: (k) => go(Number(k)), start: fit, stop: cancel, again: () => location.reload(),
   pick: (id) => $(`#${id}`).click(),
   sample: () => { add('paper_experiment'); changed(); },
   remove: (k) => { state.files.splice(k, 1); state.shown = 0; changed(); },
@@ -470,7 +424,6 @@ async function start() {
   if (!answer.ok) { $('#step').innerHTML = note('ERROR', await answer.text()).text; return; }
   about = await answer.json();
   about.given.forEach(add);
-  $('[data-do="view:live"]').hidden = !about.live;
   listen();
   draw();
 }

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The studio in a real browser: from a dropped file to a result, stopping, the live view, a telephone."""
+"""The studio in a real browser: from a dropped file to a result, stopping, a telephone."""
 
 import shlex
 from dataclasses import asdict
@@ -16,7 +16,6 @@ from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.browser import NEEDS_BROWSER, accessible, launched, watched
 from test.conftest import ROOT
-from test.processes import Program
 from test.studio.client import Studio, csv
 
 try:
@@ -205,19 +204,3 @@ def test_the_folder_of_a_bag_can_be_dropped(opened):
     expect(page.locator('.files strong')).to_have_text('paper_experiment')
     click(page, 'Continue')
     expect(page.get_by_label('topic', exact=True)).to_have_value('/joint_states')
-
-
-@pytest.mark.ros
-def test_the_live_view_shows_the_running_rig(opened):
-    with Program(Path(__file__).with_name('publisher.py')):
-        page = opened()
-        click(page, 'Live')
-        expect(page.locator('dl')).to_contain_text('0.500')
-        expect(page.get_by_text('b2 is poorly determined')).to_be_visible()
-        expect(page.locator('tbody tr')).to_have_count(7)
-        expect(page.locator('tbody tr').first).to_contain_text('± 0.000020')
-        link = page.locator('#live .link')
-        before = link.get_attribute('d')
-        expect(link).not_to_have_attribute('d', before)
-        accessible(page)
-        assert page.locator('#live button').count() == 0, 'the page must not command the rig'

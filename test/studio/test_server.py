@@ -23,7 +23,7 @@ from pendubot_identification.model.simulation import HANGING, simulate
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import ROOT
-from test.processes import Program, run_program, spin_until
+from test.processes import run_program
 from test.studio.client import Studio, csv
 
 SAMPLE = ROOT / 'bags' / 'paper_experiment'
@@ -55,7 +55,7 @@ def test_requests_need_the_token_the_host_name_and_the_local_address(studio):
     assert policy.startswith("default-src 'none'")
     assert 'http' not in policy
     for root in ('/', '/x/', studio.root[:-2] + '/', studio.root.upper()):
-        for method, path in (('GET', ''), ('POST', 'sessions'), ('GET', 'live'), ('PUT', 'sessions/x/files/y')):
+        for method, path in (('GET', ''), ('POST', 'sessions'), ('PUT', 'sessions/x/files/y')):
             assert studio.request(method, path, root=root).status == 403
     for host in ('evil.example', f'evil.example:{studio.port}', '127.0.0.1'):
         assert studio.request('GET', '', headers={'Host': host}).status == 403
@@ -201,33 +201,3 @@ def test_unknown_options_and_recordings_are_refused(page):
     assert 'is expected' in page.do('check', 'paper_experiment', gear='x')['problem']['sentence']
     assert 'is expected' in page.do('identify', 'paper_experiment', bounds='b2')['problem']['sentence']
     assert page.do('describe', 'paper_experiment', criterion='weak', bounds='b2=0')['done']
-
-
-@pytest.mark.ros
-def test_the_running_rig_is_relayed_by_a_node_that_ends_with_the_page(studio, ros):
-    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-
-    from pendubot_identification.nodes.messages import LATCHED
-
-    with Program(Path(__file__).with_name('publisher.py')):
-        answer = studio.request('GET', 'live')
-        while 'q' not in (line := json.loads(answer.readline())) or not (line['parameters'] and line['level']):
-            pass
-        assert line['q'][1] == 0.5
-        assert abs(line['q'][0]) <= 1
-        assert line['effort'] == 0.25
-        assert (line['level'], line['message']) == ('WARN', 'b2 is poorly determined')
-        assert [each['name'] for each in line['parameters']] == ['P1', 'P2', 'P3', 'P4', 'P5', 'b1', 'b2']
-        assert line['parameters'][0] == pytest.approx({'name': 'P1', 'value': 0.001, 'half': 2e-5, 'unit': 'kg m^2'})
-        node = ros.create_node('looker')
-        try:
-            stale = DiagnosticArray(status=[DiagnosticStatus(level=DiagnosticStatus.STALE)])
-            node.create_publisher(DiagnosticArray, '/pendubot/identification', LATCHED).publish(stale)
-            while json.loads(answer.readline())['level'] != 'ERROR':
-                pass
-            watcher = 'watcher', '/'
-            assert spin_until(node, lambda: watcher in node.get_node_names_and_namespaces())
-            answer.close()
-            assert spin_until(node, lambda: watcher not in node.get_node_names_and_namespaces(), 30)
-        finally:
-            node.destroy_node()
