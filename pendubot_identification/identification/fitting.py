@@ -434,22 +434,22 @@ def fit_all_samples(
 
 
 def _smallest(fitted: LikelihoodFit) -> LikelihoodFit:
-    """Return the fit of the smallest model that explains exact recordings as well, by Schwarz's criterion."""
+    """Return the fit of the smallest model that explains exact recordings as well, by Schwarz's criterion.
+
+    Correlated quantization overstates the information: the effective number of parameters counts (Gao and Song 2010).
+    """
     like, H, free = fitted.likelihood, fitted.evaluation.information, np.flatnonzero(fitted.free)
-    worth = math.log(max(like.filter_data.measurements, 2)) / 2
+    slopes = fitted.evaluation.slopes[:, free]
+    effective = np.vdot(slopes, slopes @ np.linalg.pinv(H[np.ix_(free, free)], hermitian=True))
+    worth = max(effective / max(free.size, 1), 1.0) * math.log(max(like.filter_data.measurements, 2)) / 2
     for size in sorted(set(MODELS.values()) - {GEARED}):
-        bounds = [
-            np.where((np.arange(len(H)) >= size) & (np.arange(len(H)) < GEARED), 0.0, b)
-            for b in (like.lower, like.upper)
-        ]
-        smaller, x = replace(like, lower=bounds[0], upper=bounds[1], _shaped={}), fitted.x.copy()
-        dropped = free[(free >= size) & (free < GEARED)]
-        others = np.setdiff1d(free, dropped)
+        kept = (np.arange(len(H)) < size) | (np.arange(len(H)) >= GEARED)
+        smaller, x = replace(like, lower=like.lower * kept, upper=like.upper * kept, _shaped={}), fitted.x.copy()
+        dropped, others = free[~kept[free]], free[kept[free]]
         # The minimum over the others if the dropped ones are fixed at 0.
-        if dropped.size:
-            pull = H[np.ix_(others, dropped)] @ x[dropped]
-            x[others] += np.linalg.lstsq(H[np.ix_(others, others)], pull, rcond=1e-12)[0]
-        x = repaired(np.clip(x, *bounds))
+        pull = H[np.ix_(others, dropped)] @ x[dropped]
+        x[others] += np.linalg.lstsq(H[np.ix_(others, others)], pull, rcond=1e-12)[0]
+        x = repaired(np.clip(x, smaller.lower, smaller.upper))
         if not float(smaller.costs(x).sum()) + smaller.prior(x) < fitted.evaluation.cost + 40 * worth:
             continue
         with contextlib.suppress(FloatingPointError):
