@@ -51,8 +51,7 @@ class FittingSettings:
         louder: factor of the initial noise after a filter has diverged.
         smaller: factor of P1 to P5 in a third attempt.
         held_step: sampling interval [s] above which held and measured torque differ by more than a delay.
-        quiet: largest torque noise of an exact rig over 0.1 s over the effort, at shoulder and elbow: the geometric
-            mean of the largest of simulated rigs, 6e-4 and 3e-3, and the least of real ones, .07 and .16.
+        quiet: largest torque noise of an exact rig over 0.1 s over the effort, at shoulder and elbow (docs/method.md).
         quantized: largest noise of the positions over their quantization.
         variance: largest mean of the squared innovations over their expected variances, in every recording.
         least: least unexplained fraction of the variance of the innovations that shows an effect: 1 - 1 / variance.
@@ -366,9 +365,8 @@ def _fit(like: Likelihood, x: Array, progress: Progress) -> LikelihoodFit:
 
 def fit_intervals(data: TrainingData, rough: LikelihoodFit, progress: Progress) -> LikelihoodFit:
     """Fit all intervals, from the fit of the shortest one, without the longest ones if a filter diverges."""
-    settings = rough.likelihood.filter_data.settings
     for levels in (3, 2, 1):
-        chosen = replace(settings, intervals=LikelihoodSettings().intervals[:levels])
+        chosen = replace(rough.likelihood.filter_data.settings, intervals=LikelihoodSettings().intervals[:levels])
         like = rough.likelihood.of(FilterData.of(data.motions, chosen))
         with contextlib.suppress(FloatingPointError):
             return _fit(like, rough.likelihood.widened(rough.x, levels), progress)
@@ -395,8 +393,7 @@ def fit_all_samples(
 ) -> LikelihoodFit | None:
     """Fit all samples by one Gaussian filter, with the smallest model that explains them as well.
 
-    None if the residual is above the quantization level. The start is the fit of all intervals, or the exact fit of an
-    excerpt.
+    None if the residual is above the quantization level. ``near``: the exact fit of an excerpt, a better start.
     """
     if not nearly_exact(data, all_intervals):
         return None
@@ -411,7 +408,10 @@ def fit_all_samples(
         slow=SETTINGS.slow,
         rest=-1.0,
     )
-    filter_data = FilterData.of(data.motions, native)
+    # By the delay, torques before and after the recordings act at their ends.
+    late = data.linear('weak', 'rotor').delay
+    motions = [m.part(m.start + max(late, 0.0), m.end + min(late, 0.0)) for m in data.motions]
+    filter_data = FilterData.of(motions, native)
     quantum = np.log(filter_data.quantization) / 2
     loudest = np.log(math.sqrt(0.1) * np.array(SETTINGS.quiet) * data.effort)
     noise = all_intervals.x[at:].reshape(-1, 4)[:, 2:].min(axis=0)
@@ -434,22 +434,22 @@ def fit_all_samples(
 
 
 def _smallest(fitted: LikelihoodFit) -> LikelihoodFit:
-    """Return the fit of the smallest model that explains exact recordings as well, by Schwarz's criterion."""
+    """Return the fit of the smallest model that explains exact recordings as well, by Schwarz's criterion.
+
+    Correlated quantization overstates the information: the effective number of parameters counts (Gao and Song 2010).
+    """
     like, H, free = fitted.likelihood, fitted.evaluation.information, np.flatnonzero(fitted.free)
-    worth = math.log(max(like.filter_data.measurements, 2)) / 2
+    slopes = fitted.evaluation.slopes[:, free]
+    effective = np.vdot(slopes, slopes @ np.linalg.pinv(H[np.ix_(free, free)], hermitian=True))
+    worth = max(effective / max(free.size, 1), 1.0) * math.log(max(like.filter_data.measurements, 2)) / 2
     for size in sorted(set(MODELS.values()) - {GEARED}):
-        bounds = [
-            np.where((np.arange(len(H)) >= size) & (np.arange(len(H)) < GEARED), 0.0, b)
-            for b in (like.lower, like.upper)
-        ]
-        smaller, x = replace(like, lower=bounds[0], upper=bounds[1], _shaped={}), fitted.x.copy()
-        dropped = free[(free >= size) & (free < GEARED)]
-        others = np.setdiff1d(free, dropped)
+        kept = (np.arange(len(H)) < size) | (np.arange(len(H)) >= GEARED)
+        smaller, x = replace(like, lower=like.lower * kept, upper=like.upper * kept, _shaped={}), fitted.x.copy()
+        dropped, others = free[~kept[free]], free[kept[free]]
         # The minimum over the others if the dropped ones are fixed at 0.
-        if dropped.size:
-            pull = H[np.ix_(others, dropped)] @ x[dropped]
-            x[others] += np.linalg.lstsq(H[np.ix_(others, others)], pull, rcond=1e-12)[0]
-        x = repaired(np.clip(x, *bounds))
+        pull = H[np.ix_(others, dropped)] @ x[dropped]
+        x[others] += np.linalg.lstsq(H[np.ix_(others, others)], pull, rcond=1e-12)[0]
+        x = repaired(np.clip(x, smaller.lower, smaller.upper))
         if not float(smaller.costs(x).sum()) + smaller.prior(x) < fitted.evaluation.cost + 40 * worth:
             continue
         with contextlib.suppress(FloatingPointError):

@@ -215,13 +215,12 @@ class Composite(Fits):
             better = refine(self.data.motions, *given)
         except TrajectoryError:  # all recordings are shorter than the longest horizon
             return self
-        margin = 1e-9 * (bounds.upper - bounds.lower)
         # The slope of the prior changes with theta.
         moved = np.einsum('bij,j->bi', self.informations, better.theta - self.theta)
         return replace(
             self,
             theta=better.theta,
-            free=(better.theta > bounds.lower + margin) & (better.theta < bounds.upper - margin),
+            free=~bounds.at_bound(better.theta),
             information=better.information,
             slopes=self.slopes + moved + better.slopes,
             informations=self.informations + better.informations,

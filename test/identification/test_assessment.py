@@ -42,6 +42,14 @@ OFF = Zeros(('swing',), np.radians([[8.0], [0.0]]), np.radians([[0.1], [0.1]]))
 AT_END = replace(GOOD, effort=Effort('zero', -0.1))
 
 
+def test_divergent_predictions_are_no_error_of_an_exact_rig():
+    """Balanced upright, a rig falls in every open-loop simulation, whatever its parameters."""
+    size = np.ones((len(HORIZONS), 4))
+    divergent = replace(GOOD, prediction=Prediction(3 * size, size, np.full(len(HORIZONS), 9)))
+    assert assess(divergent, SETTINGS).level is Level.ERROR
+    assert assess(replace(divergent, exact=True), SETTINGS).warnings == ()
+
+
 @pytest.mark.parametrize(
     ('name', 'estimate', 'beginning'),
     [

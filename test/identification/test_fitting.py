@@ -15,7 +15,7 @@ from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.selection import fit_composite
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import simulate
 from test import simulated_rig as rig
 from test.simulated_rig import Rig
@@ -53,6 +53,24 @@ def test_a_disturbed_fast_motion_is_fitted_at_shorter_intervals():
     assert found.level is Level.ERROR
     assert 'the model predicts the motion over 0.025 s, and over 0.05 s is expected' in found.warnings[0]
     assert any(warning.startswith('a disturbance: ') and ' at 3.5 s' in warning for warning in found.warnings)
+
+
+def test_the_torque_before_a_recording_is_unknown():
+    """The recording starts with a torque, which acts 20 samples later; until then no torque acts."""
+    rig = Parameters(0.0165, 0.00305, 0.00509, 0.1136, 0.0308, 0.004, 0.0009)
+    motion = recording(2000, 0.001, counts=2000, rig=rig, delay=0.02, strength=3.0, width=0.5, hold=0.1)
+    answer, _ = fitted(motion)
+    assert (answer.exact is not None, answer.model) == (True, 'viscous')
+    np.testing.assert_allclose(answer.theta[:5], rig.vector()[:5], rtol=2e-4)
+
+
+def test_correlated_quantization_does_not_select_a_larger_model():
+    """A rig of 3 cm with 500 counts moves by less than a count for tens of samples, and J2 correlates with P1 to P3."""
+    tiny = rig.SIZES['tiny']
+    runs = rig.record([1200, 1201, 1202], [tiny] * 3, rate=1000, counts=500, step=0.002)
+    answer, _ = fitted(*map(trajectory, runs))
+    assert (answer.exact is not None, answer.model) == (True, 'coulomb')
+    np.testing.assert_allclose(answer.theta[:5], [*rig.true(tiny).values()][:5], rtol=0.01)
 
 
 def test_one_noisy_recording_makes_the_fit_inexact():
