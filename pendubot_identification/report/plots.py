@@ -70,16 +70,13 @@ def style(changes: Mapping[str, Any] | None = None) -> Iterator[None]:
         yield
 
 
-def rendered(figure: Figure, endings: tuple[str, ...] = ('png', 'svg'), **options: Any) -> dict[str, bytes]:
-    """Return the figure as PNG and as SVG, without date or version, by the ending of the file's name.
-
-    ``options``: other arguments of matplotlib's ``savefig``.
-    """
+def rendered(figure: Figure, endings: tuple[str, ...] = ('png', 'svg')) -> dict[str, bytes]:
+    """Return the figure as PNG and as SVG, without date or version, by the ending of the file's name."""
     metadata: dict[str, dict[str, None]] = {'png': {'Software': None}, 'svg': {'Date': None, 'Creator': None}}
     files = {}
     for ending in endings:
         file = BytesIO()
-        figure.savefig(file, format=ending, metadata=metadata[ending], **options)
+        figure.savefig(file, format=ending, metadata=metadata[ending])
         figure.set_layout_engine('none')  # the next file reuses this layout
         files[ending] = file.getvalue()
     return files
@@ -113,7 +110,7 @@ class Picture(NamedTuple):
     def files(self, *endings: str) -> dict[str, bytes]:
         """Return the static figure by the ending of the file's name."""
         figure = self.content.figure() if isinstance(self.content, TimePlot) else self.content
-        return rendered(figure, endings, bbox_inches='tight')
+        return rendered(figure, endings)
 
 
 @dataclass(frozen=True, slots=True)
