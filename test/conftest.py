@@ -44,7 +44,8 @@ RECORDINGS = ROOT.parent / 'shared' / 'recordings'
 
 
 def pytest_collection_modifyitems(items):
-    """Skip tests that need the real recordings if they are absent."""
+    """Begin with the longest tests; skip tests that need the real recordings if they are absent."""
+    items.sort(key=lambda item: item.path.parent.name != 'test')
     if not (RECORDINGS / 'manifest.csv').exists():
         for item in items:
             if item.get_closest_marker('recordings'):
