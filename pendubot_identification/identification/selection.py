@@ -81,8 +81,11 @@ class Fits:
         """Return whether an effect is significant; ``share``: the fitted fraction of the data, which scales z.
 
         It is if the rig is exact only with it. Otherwise Vuong's test decides, for an exact rig on all samples, for
-        others on all intervals: short ones hardly distinguish a spring from gravity.
+        others on all intervals: short ones hardly distinguish a spring from gravity. A size on its bound shows that the
+        effect stands for another one.
         """
+        if not self.last.free[SHARED : self.last.likelihood.shared].all():
+            return False
         if (self.exact is None) is not (before.exact is None):
             return self.exact is not None
         if self.exact is None and not found.accepted:

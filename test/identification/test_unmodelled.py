@@ -4,14 +4,17 @@
 """Unmodelled effects, disturbances and contradictions of recordings are reported once."""
 
 import re
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
-from pendubot_identification.identification.fitting import TrainingData
+from pendubot_identification.criteria.likelihood import SHARED
+from pendubot_identification.identification.effects import find_effects
+from pendubot_identification.identification.fitting import TrainingData, first_fit
 from pendubot_identification.identification.pipeline import identify
-from pendubot_identification.identification.selection import fit_composite
+from pendubot_identification.identification.selection import Fits, fit_composite
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.identification.validation import contradictions, disturbances
 from pendubot_identification.level import Level
@@ -66,6 +69,18 @@ def test_an_effect_is_reported_and_compensated(identified):
     (warning,) = result.warnings
     assert 'compensated, P1 to P5 change by up to' in warning
     assert error < 0.05
+
+
+def test_an_effect_with_a_size_on_its_bound_is_not_accepted(recordings):
+    motions = [trajectory(each) for each in recordings[SATURATED]]
+    data, quiet = TrainingData.prepare(motions, Settings().of_rig(motions)), lambda *_: None
+    rough = first_fit(data, quiet)
+    before = Fits.of(data, rough, quiet)
+    found, with_it = next(find_effects(rough))
+    after = Fits.of(data, with_it, quiet)
+    assert after.surely_better(before, found)
+    free = after.exact.free & (np.arange(len(after.exact.free)) != SHARED)
+    assert not replace(after, exact=replace(after.exact, free=free)).surely_better(before, found)
 
 
 @pytest.mark.parametrize(
