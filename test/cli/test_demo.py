@@ -15,7 +15,8 @@ import pytest
 
 from pendubot_identification.cli.demo import Programs
 from pendubot_identification.errors import PendubotError
-from test.processes import Program
+from pendubot_identification.recordings.bag_reader import BagReader
+from test.processes import Program, until
 
 #: Variables of another domain that is reachable from other machines.
 ELSEWHERE = {
@@ -66,8 +67,18 @@ def test_a_program_that_ends_early_is_named_with_its_error_message(tmp_path):
     assert board.poll() == 0
 
 
+def alive(group):
+    """Return whether a process of a group runs."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
 @pytest.mark.ros
-def test_ctrl_c_ends_every_program_of_the_demo_and_keeps_the_bag(tmp_path):
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 1), (signal.SIGTERM, -signal.SIGTERM)])
+def test_a_signal_ends_every_program_of_the_demo_and_keeps_the_bag(tmp_path, number, status):
     folder = tmp_path / 'demo'
     bag = folder / 'paper_experiment'
     with Program('pendubot', 'demo', '--output', folder) as demo:
@@ -76,10 +87,11 @@ def test_ctrl_c_ends_every_program_of_the_demo_and_keeps_the_bag(tmp_path):
         while not list(bag.glob('*.mcap')):
             assert time.monotonic() < deadline, demo.output
             time.sleep(0.02)
-        demo.process.send_signal(signal.SIGINT)
-        assert demo.process.wait(20) == 1
-        with pytest.raises(ProcessLookupError):
-            os.killpg(demo.process.pid, 0)
-        demo.wait_for('pendubot: interrupted')
+        demo.process.send_signal(number)
+        assert demo.process.wait(20) == status
+        if number == signal.SIGTERM:  # its programs end after it
+            until(lambda: BagReader(bag).closed and not alive(demo.process.pid))
+        assert not alive(demo.process.pid)
     assert 'Error' not in demo.output
-    assert (bag / 'metadata.yaml').exists(), 'the bag is not closed'
+    assert ('pendubot: interrupted' in demo.output) is (number == signal.SIGINT)
+    assert BagReader(bag).closed
