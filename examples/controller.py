@@ -49,11 +49,9 @@ class Controller(Node):
 def main():
     """Run until Ctrl-C."""
     rclpy.init()
-    try:
-        with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-            rclpy.spin(Controller())
-    finally:
-        rclpy.try_shutdown()
+    # At Ctrl-C rclpy itself shuts down; a second shutdown at the same time would fail.
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(Controller())
 
 
 if __name__ == '__main__':
