@@ -115,7 +115,8 @@ class Rig(Observer):
         """Disarm; trace, samples and diagnoses begin here, and no program publishes effort commands."""
         if 'effort_publisher' in vars(self):
             self.node.destroy_publisher(vars(self).pop('effort_publisher'))
-        assert self.call('disarm').success
+        answer = self.call('disarm')
+        assert answer.success, answer.message
         self.until(lambda: not self.node.count_publishers('/pendubot/effort_command'))
         self.until(lambda: not self.trace()[-1, 3:].any())
         self._rows = self._rows[-1:]
