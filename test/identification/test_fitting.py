@@ -64,10 +64,11 @@ def test_the_torque_before_a_recording_is_unknown():
     np.testing.assert_allclose(answer.theta[:5], rig.vector()[:5], rtol=2e-4)
 
 
-def test_correlated_quantization_does_not_select_a_larger_model():
-    """A rig of 3 cm with 500 counts moves by less than a count for tens of samples, and J2 correlates with P1 to P3."""
+@pytest.mark.parametrize(('rate', 'counts'), [(1000, 500), (33, 4096)])
+def test_correlated_quantization_is_no_unmodelled_effect(rate, counts):
+    """A rig of 3 cm moves by less than a count for tens of samples, or has few samples; J2 correlates with P1 to P3."""
     tiny = rig.SIZES['tiny']
-    runs = rig.record([1200, 1201, 1202], [tiny] * 3, rate=1000, counts=500, step=0.002)
+    runs = rig.record([1200, 1201, 1202], [tiny] * 3, rate=rate, counts=counts, step=0.002)
     answer, _ = fitted(*map(trajectory, runs))
     assert (answer.exact is not None, answer.model) == (True, 'coulomb')
     np.testing.assert_allclose(answer.theta[:5], [*rig.true(tiny).values()][:5], rtol=0.01)
