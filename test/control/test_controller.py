@@ -40,7 +40,7 @@ def place(start, seed):
 def run(start, seed, rate, seconds=12.0, **how):
     """Simulate a controller with inexact parameters."""
     rig = LatePlant(BALANCE, LAG, place(start, seed))
-    return simulate_closed_loop(Controller(designed(WRONG, rate)), rig, seconds, enough=2.0, **how)
+    return simulate_closed_loop(Controller(designed(WRONG, rate)), rig, seconds, enough=1.0, **how)
 
 
 @pytest.mark.parametrize(('start', 'rate', 'within'), [('upright', 500, 1.0), ('hanging', 200, 10.0)])
@@ -55,10 +55,10 @@ def test_the_rig_is_swung_up_and_held_within_the_torque_limit_with_inexact_param
 def test_the_rig_swings_up_again_after_a_push_makes_it_fall():
     controller = Controller(designed())
     rig = LatePlant(BALANCE, LAG, (UPRIGHT, 0.0))
-    assert simulate_closed_loop(controller, rig, 2.0).balancing[-1]
+    assert simulate_closed_loop(controller, rig, 0.5).balancing[-1]
     rig.place(rig.q, (0.0, 12.0))
     controller._last = None  # the time of the second simulation begins at 0 again
-    closed_loop = simulate_closed_loop(controller, rig, 12.0, enough=2.0)
+    closed_loop = simulate_closed_loop(controller, rig, 12.0, enough=1.0)
     assert not closed_loop.balancing.all()
     assert held_since(closed_loop.motion) < 10.0
 
@@ -79,13 +79,10 @@ def test_wrong_signs_and_exchanged_joints_are_named_within_a_fifth_of_a_second(s
     assert closed_loop.motion.t[-1] < 0.2
 
 
-@pytest.mark.parametrize(('rate', 'tilt'), [(200, (0.1, 0.0)), (500, (0.0, 0.1))])
-def test_a_hand_that_holds_the_rig_is_not_mistaken_for_wrong_signs_and_wrong_signs_are_named_after_it(rate, tilt):
-    period = LOOPS[rate].period
-    controller, held = Controller(designed(rate=rate)), (UPRIGHT + tilt[0], tilt[1])
-    torque = 0.0
-    for k in range(-round(1 / period), 0):
-        torque = controller.step(k * period, held, torque)
+def test_a_hand_that_holds_the_rig_is_not_mistaken_for_wrong_signs_and_wrong_signs_are_named_after_it():
+    controller, held, torque = Controller(designed()), (UPRIGHT + 0.1, 0.0), 0.0
+    for k in range(-200, 0):
+        torque = controller.step(0.005 * k, held, torque)
     closed_loop = simulate_closed_loop(controller, LatePlant(BALANCE, LAG, held), 0.5, motor=-1.0)
     assert 'the motor turns the wrong way' in closed_loop.stopped
 
@@ -97,26 +94,24 @@ def test_parameters_with_which_a_simulation_diverges_are_refused(inertia):
         any(check.update((0.1 * k, -0.1 * k), 1.0) for k in range(20))
 
 
-@pytest.mark.parametrize(('start', 'seconds'), [('upright', 2), ('hanging', 6)])
-def test_lost_samples_are_not_mistaken_for_wrong_signs(start, seconds):
+def test_the_rig_is_swung_up_although_samples_are_lost():
     """The controller receives two of three samples, and occasionally none for 50 ms."""
-    period, rng = LOOPS[200].period, np.random.default_rng(1)
-    controller, rig = Controller(designed()), LatePlant(BALANCE, LAG, place(start, 2))
-    torque, silent = 0.0, 0
-    for k in range(round(seconds / period)):
+    rng, torque, silent = np.random.default_rng(1), 0.0, 0
+    controller, rig = Controller(designed()), LatePlant(BALANCE, LAG, place('hanging', 2))
+    for k in range(800):
         effort = torque
-        silent = round(0.05 / period) if k > 50 and rng.random() < 0.01 else silent - 1
+        silent = 10 if k > 50 and rng.random() < 0.01 else silent - 1
         if silent <= 0 and rng.random() < 0.67:
-            torque = controller.step(k * period, rig.q, effort)
-        rig.advance((effort, 0.0), period)
+            torque = controller.step(0.005 * k, rig.q, effort)
+        rig.advance((effort, 0.0), 0.005)
     assert controller.balancing
 
 
 def torques_with(change, new):
-    """Return 400 torques that balance the rig; with ``change``, the design changes at sample 60."""
+    """Return 100 torques that balance the rig; with ``change``, the design changes at sample 60."""
     controller, rig = Controller(designed()), LatePlant(BALANCE, LAG, (UPRIGHT + 0.05, 0.02))
     torques = [0.0]
-    for k in range(400):
+    for k in range(100):
         if change and k == 60:
             controller.adopt(new)
         torques.append(controller.step(k * 0.005, rig.q, torques[-1]))
@@ -179,11 +174,10 @@ def test_the_plan_finds_the_torque_limit_too_small_and_gives_a_sufficient_one():
     assert 0.8 < plan.sufficient < 1.1
 
 
-@pytest.mark.parametrize('mass', [0.2, 0.1, 0.05])
-def test_the_gain_is_proportional_to_the_mass_also_of_a_small_rig(mass):
+def test_the_gain_is_proportional_to_the_mass_also_of_a_small_rig():
     rig = np.array([4.375e-5, 1.933e-5, 2.305e-5, 1.233e-3, 4.896e-4, 2.5e-5, 1.1e-6])  # links of 5 cm
-    gain, lighter = (Design.make(Parameters.from_vector(m * rig), Loop(0.002)).K for m in (1.0, mass))
-    np.testing.assert_allclose(lighter, mass * gain, rtol=1e-6)
+    gain, lighter = (Design.make(Parameters.from_vector(mass * rig), Loop(0.002)).K for mass in (1.0, 0.05))
+    np.testing.assert_allclose(lighter, 0.05 * gain, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
