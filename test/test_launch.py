@@ -186,6 +186,7 @@ def test_a_parameter_file_without_parameters_for_the_node_is_refused(
 #: A user's parameter file.
 MINE = '~/mine.yaml'
 TRAIN = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 3}
+IDENTIFIED = {'criterion': '', 'model': 'auto', 'output': '', 'force': False, 'autostart': True}
 
 
 @pytest.mark.parametrize(
@@ -202,30 +203,28 @@ TRAIN = {'duration': 10.0, 'amplitude_min': -0.5, 'amplitude_max': 0.5, 'seed': 
         ('rig', {'amplitude': '0.5', 'duration': '10', 'seed': '3', 'arm': 'true'}, 'exciter', None,
          {'arm': True, 'recorded': True, **TRAIN}),
         ('rig', {'amplitude': '0.5', 'excitation': MINE}, 'exciter', MINE, {'arm': False, 'recorded': True}),
+        ('rig', {'autostart': 'false'}, 'bridge', None, {'autostart': False}),
+        ('rig', {'autostart': 'false'}, 'recorder', None, {'output': '', 'autostart': False}),
+        # Bags are a text, even of digits, or a list of texts.
+        ('identification', {'bags': '12', 'validate': "['12@0:9', 'b']"}, 'identifier', None,
+         IDENTIFIED | {'bags': ['12'], 'validate': ['12@0:9', 'b']}),
+        ('identification', {'bags': '[]', 'autostart': 'false'}, 'identifier', None,
+         IDENTIFIED | {'bags': [''], 'validate': [''], 'autostart': False}),
     ],
 )  # fmt: skip
 def test_arguments_take_precedence_over_the_parameter_file(
     tmp_path, monkeypatch, name, arguments, program, file, values
 ):
     monkeypatch.setenv('HOME', str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    for bag in ('12', 'b'):
+        Path(bag).mkdir()
     (tmp_path / 'mine.yaml').write_text(yaml.safe_dump({program: {'ros__parameters': {'seed': 1}}}))
     started = launch(name, **arguments)
     expected = str(tmp_path / 'mine.yaml' if file else ROOT / 'config' / f'{program}.yaml')
     assert files_and_values(started[program]) == ([expected], values)
     if 'virtual_board' in started:
         assert started['virtual_board'].arguments == ('--link', values['port'])
-
-
-@pytest.mark.parametrize(
-    ('given', 'bags'),
-    [({}, ['']), ({'bags': '12'}, ['12']), ({'bags': "['12@0:9', 'b']"}, ['12@0:9', 'b']), ({'bags': '[]'}, [''])],
-)
-def test_bags_are_a_text_or_a_list(tmp_path, monkeypatch, given, bags):
-    monkeypatch.chdir(tmp_path)
-    for name in ('12', 'b', 'c'):
-        Path(name).mkdir()
-    _, values = files_and_values(launch('identification', **given, validate='c')['identifier'])
-    assert (values['bags'], values['validate']) == (bags, ['c'])
 
 
 def test_the_view_describes_the_rig_and_starts_viewers_on_request(tmp_path):
@@ -300,10 +299,6 @@ def test_with_a_keystore_every_program_of_the_policy_starts_in_its_enclave(monke
             assert enclave == f'/pendubot/{"viewer" if program in OTHERS else program}'
 
 
-def test_autostart_and_the_virtual_boards_option_patient_are_arguments():
-    started = launch('virtual', autostart='false', patient='true')
-    assert started['virtual_board'].arguments == ('--link', '/tmp/pendubot', '--patient')
-    started |= launch('identification', autostart='false')
-    for program in ('bridge', 'recorder', 'identifier'):
-        assert files_and_values(started[program])[1]['autostart'] is False
-    assert launch('virtual')['virtual_board'].arguments == ('--link', '/tmp/pendubot')
+def test_the_virtual_board_is_patient_on_request():
+    for options, words in (({}, ()), ({'patient': 'true'}, ('--patient',))):
+        assert launch('virtual', **options)['virtual_board'].arguments == ('--link', '/tmp/pendubot', *words)
