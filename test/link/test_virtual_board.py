@@ -3,13 +3,10 @@
 
 """The virtual board's plant, faults and settings; test/firmware/ has the rules of arming, watchdog and limits."""
 
-import math
-
 import pytest
 
-from pendubot_identification.errors import ParameterError
-from pendubot_identification.link.protocol import Arm, Command, Decoder, Limits, Status, encode
-from pendubot_identification.link.virtual_board import BoardSettings, Faults, VirtualBoard
+from pendubot_identification.link.protocol import Arm, Command, Decoder, Status, encode
+from pendubot_identification.link.virtual_board import Faults, VirtualBoard
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 
@@ -74,18 +71,3 @@ def test_the_seed_determines_the_bytes():
 
     assert stream(1) == stream(1)
     assert stream(1) != stream(2)
-
-
-@pytest.mark.parametrize(
-    ('kind', 'name', 'value'),
-    [
-        (BoardSettings, 'counts', 0),
-        (BoardSettings, 'torque_limit', math.nan),
-        (Faults, 'bit_flip', 1.5),
-        (Faults, 'reset_at', -1),
-        (Limits, 'stall_ms', 70_000),
-    ],
-)
-def test_invalid_settings_are_refused(kind, name, value):
-    with pytest.raises(ParameterError, match=f'{name} is {value:g}'):
-        BoardSettings(limits=Limits(**{name: value})) if kind is Limits else kind(**{name: value})

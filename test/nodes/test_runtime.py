@@ -54,6 +54,20 @@ REFUSED = [
     ('player', {'bag': f'{SAMPLE}@50:60'}, '@50:60: the bag lasts 17.988 s; give a START within it'),
     ('player', {'bag': SAMPLE, 'topics': '[/other]'}, 'has no messages on /other; its topics are /joint_states'),
 ]
+#: Invalid arguments of the virtual board, and a part of the expected message.
+REFUSED_BY_THE_BOARD = {
+    '--rate 0': '--rate is 0 Hz',
+    '--duration nan': '--duration is nan s',
+    '--fault rust=1': "no fault 'rust'",
+    '--fault bit_flip=1.5': 'bit_flip is 1.5; a number from 0 to 1 is expected',
+    '--fault reset_at=-1': 'reset_at is -1',
+    '--counts 0': 'counts is 0',
+    '--torque-limit nan': 'torque_limit is nan',
+    '--limit heat=1': "no limit 'heat'; the limits are torque_slew, max_speed",
+    '--limit stall_ms=70000': 'stall_ms is 70000',
+    '--ros-args --params-file /none.yaml': 'ROS refused: failed to initialize rcl',
+    '--ros-args --nope': "ROS refused: ['--nope']; correct the arguments",
+}
 #: Runs all in one process, to start Python once; prints the status and the message of each.
 RUN_ALL = """
 import contextlib, importlib, io, json, sys
@@ -80,6 +94,7 @@ FILES = [
 def test_invalid_settings_are_refused_in_one_sentence(tmp_path):
     runs = [(program, parameters(**values), sentence) for program, values, sentence in REFUSED]
     runs.append(('bridge', ['--ros-args', '-r', '__ns:=/lab1/'], 'a namespace such as /lab1, without / at its end'))
+    runs += [('virtual_board', arguments.split(), sentence) for arguments, sentence in REFUSED_BY_THE_BOARD.items()]
     for k, (content, sentence) in enumerate(FILES):
         file = tmp_path / f'{k}.yaml'
         file.write_text(yaml.safe_dump({node: {'ros__parameters': values} for node, values in content.items()}))

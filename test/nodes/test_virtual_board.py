@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pendubot_identification.errors import ParameterError
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
 from test.link.test_virtual_board import Bench
@@ -46,42 +45,12 @@ def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
     assert abs(board.step(99).enc1 - begin[0]) > 100, 'it must fall after arming'
 
 
-@pytest.mark.parametrize(
-    ('options', 'status', 'text'),
-    [
-        (['--help'], 0, 'bit_flip'),
-        (['--duration', '0.1', '--ros-args', '-r', '__node:=x'], 0, 'virtual board on /dev/pts/'),
-        (['--ros-args', '--params-file', '/none.yaml'], 1, 'virtual_board: ROS refused: failed to initialize rcl'),
-        (['--ros-args', '--nope'], 1, "virtual_board: ROS refused: ['--nope']; correct the arguments"),
-        (['--rate', '0'], 1, 'virtual_board: --rate is 0 Hz'),
-    ],
-)
-def test_options_are_accepted_or_refused_with_a_message(options, status, text):
-    done = run_program('virtual_board', *options)
-    assert done.returncode == status
-    assert text in done.stdout + done.stderr
-    assert 'Traceback' not in done.stderr
-
-
-@pytest.mark.parametrize(
-    ('option', 'value', 'text'),
-    [
-        ('--duration', 'nan', '--duration is nan s'),
-        ('--fault', 'rust=1', "no fault 'rust'"),
-        ('--limit', 'heat=1', "no limit 'heat'; the limits are torque_slew, max_speed"),
-    ],
-)
-def test_invalid_options_are_refused(option, value, text):
-    with pytest.raises(ParameterError, match=text):
-        bench(option, value)
-
-
 @pytest.mark.ros
 def test_the_node_has_the_payload_as_a_parameter(ros):
-    with Program('virtual_board', '--ros-args') as board, Observer(ros) as observer:
-        assert observer.set('/virtual_board', payload=0.03).successful
+    with Program('virtual_board', '--ros-args', '-r', '__node:=board') as board, Observer(ros) as observer:
+        assert observer.set('/board', payload=0.03).successful
         board.wait_for('link 2 carries 0.03 kg')
-        assert 'out of range' in observer.set('/virtual_board', payload=-1.0).reason
+        assert 'out of range' in observer.set('/board', payload=-1.0).reason
 
 
 def test_a_full_disk_is_reported_in_one_sentence_and_the_trace_is_kept(tmp_path):
