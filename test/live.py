@@ -72,9 +72,3 @@ class LiveRig(Rig):
         out = np.flatnonzero(deviation(q) > HELD)
         first = out[-1] + 1 if out.size else 0
         return (float(t[first]), float(t[-1] - t[first])) if first < len(t) else (math.inf, 0.0)
-
-    def armed_for(self):
-        """Return the time since the first arming [s], by the board's clock."""
-        t, _, _, status = self.motion()
-        armed = np.flatnonzero(status & ARMED)
-        return float(t[-1] - t[armed[0]]) if armed.size else 0.0
