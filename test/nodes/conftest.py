@@ -13,7 +13,7 @@ from pendubot_identification.results.result import SCHEMA
 from test.rig import Rig
 
 #: Options of a fast identification.
-FAST = {'criterion': 'energy', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
+FAST = {'criterion': 'weak', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
 #: Endless pulses without a pause.
 PULSES = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
 
