@@ -43,7 +43,7 @@ class Line:
         return data
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(
     seed=st.integers(0, 2**32),
     latency=st.sampled_from([1, 10, 40]),
