@@ -12,32 +12,22 @@ from pendubot_identification.formats.robots import mjcf, rig_of, urdf
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import BALANCE, MODELS, Parameters
 from pendubot_identification.model.rollout import roll
+from test.strategies import theta
 
 RIGS, STEP, STEPS = 4, 0.002, 500
 #: Largest difference of mass matrix and bias, relative, and of the states within a second [rad, rad/s].
 TOLERANCE = 1e-6
 
 
-def links(rng):
-    """Return length [m], mass [kg], centre of mass [m] and inertia [kg m^2] of a random link of a bench-top rig."""
-    length, mass = rng.uniform(0.08, 0.5), rng.uniform(0.05, 1.5)
-    return length, mass, length * rng.uniform(0.2, 1.1), mass * (length * rng.uniform(0.15, 0.5)) ** 2
-
-
-def thetas(model, count):
-    """Return parameter vectors of random rigs, shape (count, D)."""
-    rng, vectors = np.random.default_rng(1), []
+def rigs(model, count):
+    """Yield parameters of random bench-top rigs."""
+    rng = np.random.default_rng(1)
     for _ in range(count):
-        (l1, m1, d1, I1), (_, m2, d2, I2) = links(rng), links(rng)
-        P = [m1 * d1**2 + m2 * l1**2 + I1, m2 * d2**2 + I2, m2 * l1 * d2, m1 * d1 + m2 * l1, m2 * d2]
-        friction = rng.uniform(0, [0.02, 0.005, 0.05, 0.01, 0.2 * P[1], 0.02, 0.005, 0.1, 0.0])
-        vectors.append([*P, *friction][: MODELS[model]])
-    return np.array(vectors)
-
-
-def states(rng):
-    """Return random positions [rad], velocities [rad/s] and torques [N m]."""
-    return rng.uniform(-4, 4, 2), rng.uniform(-4, 4, 2), np.array([rng.uniform(-0.5, 0.5), 0.0])
+        length, mass = rng.uniform(0.08, 0.5, 2), rng.uniform(0.05, 1.5, 2)
+        centre, radius = length * rng.uniform(0.2, 1.1, 2), length * rng.uniform(0.15, 0.5, 2)
+        vector = theta(*mass, length[0], *centre, *(mass * radius**2))
+        friction = rng.uniform(0, [0.02, 0.005, 0.05, 0.01, 0.2 * vector[1], 0.02, 0.005, 0.1, 0.0])
+        yield Parameters.from_vector([*vector, *friction][: MODELS[model]])
 
 
 class Mujoco:
@@ -72,22 +62,18 @@ class Mujoco:
         return np.array(found)
 
 
-def smooth(theta):
-    """Return the parameters without dry friction, which MuJoCo models differently."""
-    return replace(Parameters.from_vector(theta), Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0)
-
-
 def compared(engine, write, model, count=RIGS):
     """Return the largest differences of mass matrix and bias, relative, and of motions [rad, rad/s]."""
     rng, largest = np.random.default_rng(2), np.zeros(3)
-    for theta in thetas(model, count):
-        parameters = Parameters.from_vector(theta)
+    for parameters in rigs(model, count):
         exported = engine(write(rig_of(parameters), ['a <bag> -- & more ---']), parameters)
-        q, v, tau = states(rng)
+        q, v, tau = rng.uniform(-4, 4, 2), rng.uniform(-4, 4, 2), np.array([rng.uniform(-0.5, 0.5), 0.0])
         M, bias = exported.terms(q, v)
-        vector = smooth(theta).vector('rotor')
+        # MuJoCo models dry friction differently.
+        smooth = replace(parameters, Fc1=0.0, Fc2=0.0, Fs1=0.0, Fs2=0.0, k1=0.0, k2=0.0)
+        vector = smooth.vector('rotor')
         M_ours = mass_matrix(vector, q)
-        bias_ours = -M_ours @ forward_dynamics(replace(smooth(theta), b1=0.0, b2=0.0).vector('rotor'), q, v, (0, 0))
+        bias_ours = -M_ours @ forward_dynamics(replace(smooth, b1=0.0, b2=0.0).vector('rotor'), q, v, (0, 0))
         torques = np.repeat(tau[:, None, None], STEPS, axis=1)
         ours = roll(vector, np.array([*q, *v])[:, None], torques, STEP)[1:, :, 0]
         errors = (

@@ -36,26 +36,15 @@ def written(name, result):
 
 
 def evaluated(script):
-    """Return the struct of a MATLAB script; refuse anything but assignments to its fields before the functions."""
-    struct = {}
-    for line in script.partition('% The model')[0].splitlines():
-        code = line.split('%')[0].strip()
-        if not code:
-            continue
-        name, value = re.fullmatch(r'pendubot\.([A-Za-z]\w*) = (.*);', code).groups()
-        if value.startswith('{'):
-            struct[name] = re.findall(r"'([^']*)'", value)
-        elif value.startswith('['):
-            struct[name] = [float(v) for v in value.strip('[]').split()]
-        else:
-            struct[name] = float(value)
-    return struct
+    """Return the fields of a MATLAB script's struct, each a list of names or numbers."""
+    fields = re.findall(r'^pendubot\.(\w+) = (.*?);', script.partition('% The model')[0], re.MULTILINE)
+    return {name: re.findall("'(.*?)'", value) or [*map(float, value.strip('[]').split())] for name, value in fields}
 
 
 def test_the_matlab_script_defines_a_struct_with_every_digit(result, theta):
     struct = evaluated(written('m', result))
     np.testing.assert_array_equal(struct['theta'], theta)
-    np.testing.assert_array_equal([struct[name] for name in struct['names']], theta)
+    np.testing.assert_array_equal(np.ravel([struct[name] for name in struct['names']]), theta)
     assert tuple(struct['names']) == NAMES[:7]
     assert struct['std_error'] == [entry.std_error for entry in result.parameters.values()]
 

@@ -28,7 +28,7 @@ from pendubot_identification.results.result import (
     result_text,
 )
 from pendubot_identification.results.result import plain as plain_of
-from test.conftest import ROOT
+from test.conftest import SAMPLE
 from test.identified import SOURCE, identified, made, plain, write
 
 
@@ -149,9 +149,6 @@ def test_reading_parameters_imports_no_large_package():
         "assert not {'scipy', 'mcap', 'rosbags'} & set(sys.modules), sorted(sys.modules)"
     )
     subprocess.run([sys.executable, '-c', code], check=True, timeout=60)
-
-
-SAMPLE = ROOT / 'bags' / 'paper_experiment'
 
 
 @pytest.mark.parametrize(('bags', 'validate'), [(['{}'], []), (['{}@5:9'], []), (['{}@0:6', '{}@12:'], ['{}'])])
