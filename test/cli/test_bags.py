@@ -72,7 +72,9 @@ def test_irregular_and_missing_messages_are_counted(run, tmp_path):
             bag.write(channel, data, START + k * 10_000_000 + 3_000_000, sequence=k + 1)
     (topic,) = json.loads(run('info', 'bag', '--json')[1])['topics']
     expected = {'gaps': 3, 'missing': 4, 'first_gap': 0.39, 'repeated': 1, 'backwards': 1, 'lost': 2}
-    assert topic.items() >= (expected | {'latency': 0.003, 'latency_max': 0.203}).items()
+    assert topic.items() >= (expected | {'period': 0.01, 'latency': 0.003, 'latency_max': 0.203}).items()
+    # Three of 95 intervals are longer than the period, by 20, 10 and 10 ms.
+    assert topic['jitter'] == pytest.approx(0.0106)
     text = run('info', 'bag')[1]
     assert 'first after 0.390 s' in text
     assert 'at most 203.000 ms' in text

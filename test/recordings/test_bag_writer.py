@@ -100,20 +100,6 @@ def test_only_bags_are_overwritten(tmp_path, make):
     assert contents(tmp_path) == before
 
 
-def test_a_killed_writer_loses_only_messages_after_its_last_flush(tmp_path):
-    with BagWriter(tmp_path / 'bag') as bag:
-        channel = bag.add_topic(TOPIC, JOINT_STATE)
-        for k in range(20):
-            bag.write(channel, message(k)[1], START + k * STEP)
-            if k == 14:
-                bag.flush()
-        # After SIGKILL, the file would have its present content.
-        reader = BagReader(tmp_path / 'bag')
-        assert not reader.closed
-        assert 'never closed' in reader.note
-        assert reader.count == 15
-
-
 def test_a_full_disk_is_reported_in_one_sentence_and_leaves_complete_chunks(tmp_path, monkeypatch):
     """A limit of the file size stands for the full disk; the test of the recorder fills a disk."""
     monkeypatch.setattr(bag_writer, '_shortage', lambda *_: '')

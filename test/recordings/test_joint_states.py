@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import BagError
@@ -50,6 +50,7 @@ def messages(draw):
     return draw(st.permutations(found))
 
 
+@settings(max_examples=40)
 @given(messages(), st.sampled_from([JOINTS, ('a', 'elbow'), ('shoulder', 'a')]))
 def test_messages_are_decoded_as_by_rosbags(encoded, effort_names):
     """Efforts may have separate entries."""
