@@ -24,18 +24,17 @@ VOID = {'meta', 'link', 'img', 'input'}
 
 
 class Page(HTMLParser):
-    """A parsed page: its text, its table rows, its links and its tags, which must match."""
+    """A parsed page: its text, its table rows and its tags, which must match."""
 
     def __init__(self, text):
         super().__init__()
-        self.text, self.rows, self.links, self.tags, self._open = [], [], [], set(), []
+        self.text, self.rows, self.tags, self._open = [], [], set(), []
         self.feed(text)
         self.close()
         assert not self._open
 
     def handle_starttag(self, tag, attributes):
         self.tags.add(tag)
-        self.links += [value for key, value in attributes if key in ('src', 'href')]
         if tag == 'tr':
             self.rows.append('')
         if tag not in VOID:
@@ -49,10 +48,6 @@ class Page(HTMLParser):
             self.text.append(text)
             if 'tr' in self._open:
                 self.rows[-1] += f'{text} '
-
-    def row(self, *words):
-        """Return the words of the first table row that begins with these."""
-        return next(row.split() for row in self.rows if row.split()[: len(words)] == [*words])
 
 
 def values(result):
@@ -98,7 +93,6 @@ def test_every_picture_has_a_sentence_about_a_good_result(complete):
     for figure in shown:
         (good,) = re.findall(r'<p class="good">(.+?)</p>', figure, re.DOTALL)
         assert re.search(r'\b[Gg]ood\b', good)
-        assert '. ' not in good, 'one sentence'
     assert 'Diamond: reference.' in complete
     assert 'one after the other' not in complete, 'there is only one recording'
 
@@ -107,8 +101,8 @@ def test_captions_describe_the_drawn_data_and_names_of_the_user_are_escaped():
     result = plain(('weak',))
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
-    drawn = pictures(made(('weak',)), [motion(name='</script><iframe>'), motion(name='b')]).values()
-    page = result_page(typed(result), drawn, notes=['<script>'])
+    drawn = pictures(made(('weak',)), [motion(name='</script><iframe>'), motion(name='b')])
+    page = result_page(typed(result), [drawn['recordings'], drawn['simulation']], notes=['<script>'])
     assert page.count('<script') == 2, "the page's scripts"
     assert 'iframe' not in Page(page).tags
     text = ' '.join(page.split())
@@ -119,22 +113,15 @@ def test_captions_describe_the_drawn_data_and_names_of_the_user_are_escaped():
 
 
 def test_the_page_depends_on_no_other_file(complete):
-    page = Page(complete)
-    assert {link.partition(',')[0] for link in page.links if link[0] != '#'} == {
-        'data:',
-        'data:image/svg+xml',
-        'data:text/plain',
-    }
-    assert not page.tags & {'iframe', 'object', 'form'}
-    assert complete.count('<script') == 2
-    assert not any(word in complete for word in (' src="http', '@import', 'url(http'))
+    assert re.findall(r'(?:src|href)="(?!#)(?!data:)[^"]*|@import|url\(http', complete) == []
+    assert not Page(complete).tags & {'iframe', 'object', 'form'}
     assert 'Permission is hereby granted' in ' '.join(complete.split()), "the library's licence"
 
 
 @pytest.mark.parametrize(
     'options',
     [
-        '',
+        '--model viscous',
         '--criterion energy,weak --model coulomb --optimizer lsq --seed 3 --delay=-0.01:0.02 --bounds b2=0 --sliding 2',
         '--validate swing@4:6 --criterion weak --hold zero --link-length 0.03 --link-mass 0.03 --bounds P1=0:0.5',
         '--criterion weak --model viscous --negate tau1,tau2 --apply-remedies',
