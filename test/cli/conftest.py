@@ -9,7 +9,7 @@ import shutil
 import pytest
 
 from pendubot_identification.cli.main import main
-from test.conftest import ROOT
+from test.conftest import SAMPLE
 
 PAPERS = ('--criterion', 'energy', '--model', 'viscous')
 FAST = (*PAPERS, '--optimizer', 'lsq')
@@ -19,7 +19,7 @@ FAST = (*PAPERS, '--optimizer', 'lsq')
 def inputs(tmp_path_factory):
     """A folder with the sample bag as swing, its result and report as in the paper, and a simulated bag, sim."""
     folder = tmp_path_factory.mktemp('inputs')
-    shutil.copytree(ROOT / 'bags' / 'paper_experiment', folder / 'swing')
+    shutil.copytree(SAMPLE, folder / 'swing')
     before = os.getcwd()
     os.chdir(folder)
     assert main(['identify', 'swing', *PAPERS, '--output', 'result.yaml', '--report', 'look']) == 0

@@ -114,9 +114,7 @@ def test_a_fault_is_named_with_a_remedy_and_the_result_is_still_written(run, inp
         (['sim@:9', '--validate', 'sim@12:'], [900], [600]),
         (['sim@0:6', 'sim@12:'], [600, 600], [600]),
         (['sim', 'sim'], [1800, 1800], []),
-        (['sim@0.9:9'], [810], [900]),
         (['sim@3:', 'sim@3:9'], [1500, 600], [300]),
-        (['sim', 'sim@3:9'], [1800, 600], []),
     ],
 )
 def test_windows_divide_a_bag_as_documented(run, in_inputs, arguments, training, validation):
