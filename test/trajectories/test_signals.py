@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.errors import TrajectoryError
@@ -76,6 +76,7 @@ def test_the_estimated_encoder_step_is_right_or_unknown(first, second, seed):
         assert step == 0 or step == pytest.approx(2 * np.pi / counts, rel=1e-6)
 
 
+@settings(max_examples=25)
 @given(st.sampled_from([100, 200, 500, 1000]), st.sampled_from([None, 500, 2000, 20000]), st.integers(0, 10**6))
 def test_the_chosen_smoothing_keeps_the_motion_and_removes_noise(rate, counts, seed):
     t, q, qd = swing(4, rate, seed)
@@ -88,12 +89,6 @@ def test_the_chosen_smoothing_keeps_the_motion_and_removes_noise(rate, counts, s
     smooth, _ = differentiate(q, 1 / rate, window)
     step = 0 if counts is None else 2 * np.pi / counts
     assert np.abs(smooth - q)[inner].max() < 3 * step + 5e-3
-
-
-def test_a_low_sampling_rate_is_refused():
-    t = np.arange(100) * 10.0
-    with pytest.raises(TrajectoryError, match=r'10 s apart and at most 0\.1 s is expected; are its stamps in seconds'):
-        resample(Trajectory(t, *[wave(t)[0]] * 2))
 
 
 def motion(t=None, n=100, **changes):
