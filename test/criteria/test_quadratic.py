@@ -78,13 +78,3 @@ def test_bounds_that_exclude_every_definite_mass_matrix_are_refused():
     bounds = Bounds(np.array([0.0, 0.0, 0.5]), np.array([0.1, 0.1, 1.0]), PHYSICAL[:3])
     with pytest.raises(ParameterError, match=r'at most P1 = 0\.1 and P2 = 0\.1, and at least \|P3\|'):
         J.minimum(bounds)
-
-
-def test_undetermined_parameters_are_detected():
-    phi, y = problem(1)
-    phi[:, 2] = 3 * phi[:, 1]
-    assert Quadratic.reduce(phi, y).undetermined(1e-6).tolist() == [False, True, True]
-    phi[:, 2] = 0
-    J = Quadratic.reduce(phi, y)
-    assert J.undetermined(1e-6).tolist() == [False, False, True]
-    assert J.condition_number() > 1e12

@@ -9,21 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
+from pendubot_identification.criteria.weak import WIDTH, residual_weights, weak_regression
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
-from pendubot_identification.model.parameters import PAPER, default_bounds
+from pendubot_identification.model.parameters import default_bounds
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.strategies import physical_parameters
 from test.virtual import recording
-
-
-def estimate(motion, delay):
-    bounds = default_bounds().of(7)
-    weights = residual_weights([weak_regression(motion, 'viscous', delay)], bounds)
-    part = weak_regression(motion, 'viscous', delay, weights=weights)
-    return Quadratic.reduce(part.phi, part.y).minimum(bounds)
 
 
 def smooth_motion(amplitude, frequency, phase, t):
@@ -78,14 +71,6 @@ def test_weighted_residuals_have_equal_RMS():
     sizes = np.sqrt(((parts.y - parts.phi @ theta).reshape(-1, 3) ** 2).mean(axis=0))
     assert weights[0] == 1
     np.testing.assert_allclose(sizes, sizes[0], rtol=0.05)
-
-
-@pytest.mark.parametrize(('rate', 'delay'), [(100, 0.02), (200, -0.002)])
-def test_a_small_delay_is_estimated_and_does_not_bias_the_parameters(rate, delay):
-    motion = Motion.prepare(recording(9 * rate, 1 / rate, delay=delay), 0.02)
-    found = estimate_delay([motion], 'viscous', default_bounds())
-    assert found == pytest.approx(delay, abs=4e-4)
-    np.testing.assert_allclose(estimate(motion, found), PAPER.vector(), rtol=0.03)
 
 
 def test_a_motion_that_is_too_short_or_in_degrees_is_refused():
