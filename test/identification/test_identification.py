@@ -60,66 +60,55 @@ def test_default_settings_identify_the_true_parameters_and_report_progress():
     assert (np.diff(J) <= 0).all()
 
 
-def test_bounds_may_be_given_for_the_parameters_of_the_model_alone():
-    bounds = default_bounds().replaced('P1', 0.0, 0.5)
-    found, same = (identify([recording(300)], [], replace(WEAK, bounds=b)) for b in (bounds.of(7), bounds))
-    np.testing.assert_array_equal(found.best.theta, same.best.theta)
-
-
-def with_missing_samples(motion):
-    kept = np.ones(len(motion), dtype=bool)
-    kept[100::12] = False
-    return motion[kept]
-
-
-@pytest.mark.parametrize(
-    ('motions', 'settings', 'sentence'),
-    [
-        ([recording(300)], replace(ENERGY, optimizer='mde', generations=20), 'of 10 runs reached the exact minimum'),
-        ([with_missing_samples(recording(400))], WEAK, 'about 25 of 400 samples are missing'),
-    ],
-)
-def test_suspicious_recordings_and_results_give_warnings(motions, settings, sentence):
-    result = identify(motions, [], settings, notes=['the bag was never closed'])
+def test_missing_samples_few_generations_and_notes_give_warnings():
+    motion = recording(400)
+    kept = (np.arange(400) < 100) | (np.arange(400) % 12 != 4)
+    settings = replace(WEAK, optimizer='mde', generations=20)
+    result = identify([motion[kept]], [], settings, notes=['the bag was not closed'])
+    warnings = ' '.join(result.warnings)
     assert result.level > Level.OK
-    assert any(sentence in warning for warning in result.warnings)
-    assert 'the bag was never closed' in result.warnings
+    assert 'about 25 of 400 samples are missing' in warnings
+    assert 'of 10 runs reached the exact minimum' in warnings
+    assert 'the bag was not closed' in result.warnings
+
+
+def stuck(motion):
+    """Return the motion with encoders that stand still for 0.4 s."""
+    return replace(motion, q=np.concatenate([motion.q[:200], np.repeat(motion.q[200:201], 40, axis=0), motion.q[240:]]))
 
 
 @pytest.mark.parametrize(
-    ('rig', 'zero', 'sentence'),
-    [(ANOTHER, 0.0, 'both parts of one contradict each other'), (PAPER, 0.03, 'do not explain the validation data')],
-)
-def test_validation_data_of_another_rig_or_with_another_zero_are_reported(rig, zero, sentence):
-    """The training data alone give level OK."""
-    training, other = (recording(900, seed=k, rig=each, name='one') for k, each in enumerate((PAPER, rig)))
-    assert identify([training], [recording(900, seed=2, name='one')], LIKELIHOOD).level is Level.OK
-    result = identify([training], [replace(other, q=other.q + np.array([0, zero]))], LIKELIHOOD)
-    assert result.level is Level.WARN
-    assert sentence in result.warnings[0]
-
-
-@pytest.mark.parametrize(
-    ('criteria', 'driven', 'absent'),
+    ('rig', 'change', 'warning'),
     [
-        (('energy',), (1, 0), 'k2'),
-        (('weak',), (0, 1), 'k1'),
-        (('likelihood',), (1, 0), 'k2'),
+        (PAPER, lambda motion: motion, ''),
+        (ANOTHER, lambda motion: motion, 'both parts of one contradict each other'),
+        (PAPER, lambda motion: replace(motion, q=np.add(motion.q, [0.0, 0.03])), 'do not explain the validation data'),
+        (PAPER, stuck, 'a disturbance: one at '),
     ],
+    ids=['alike', 'another rig', 'another zero', 'disturbed'],
+)
+def test_validation_data_that_differ_from_the_training_data_are_reported(rig, change, warning):
+    validation = change(recording(500, seed=2, rig=rig, name='one'))
+    result = identify([recording(500, name='one')], [validation], LIKELIHOOD)
+    assert result.level is (Level.WARN if warning else Level.OK)
+    assert warning in ''.join(result.warnings[:1])
+
+
+@pytest.mark.parametrize(
+    ('criteria', 'driven', 'absent'), [(('energy', 'weak', 'likelihood'), (1, 0), 'k2'), (('weak',), (0, 1), 'k1')]
 )
 def test_a_joint_without_a_motor_has_no_friction_under_load(criteria, driven, absent):
     motion = exact_motion(GEARED, 500, 0.01, seed=3, strength=np.array(driven)).recorded
-    result = identify([motion], settings=Settings(criteria, 'geared', hold='zero'))
-    names, best = np.array(NAMES), result.best
-    assert best.absent == (absent,)
-    assert list(names[~best.present]) == list(best.absent)
-    assert (best.theta[~best.present] == 0).all()
-    assert np.isnan(best.std_error[~best.present]).all()
-    assert np.isnan(best.intervals[~best.present]).all()
-    assert np.isfinite(best.std_error[best.present]).all()
-    assert np.isfinite(best.condition_number)
-    text = ' '.join([*result.warnings, *best.advice])
-    assert absent not in text
+    for estimate in identify([motion], settings=Settings(criteria, 'geared', hold='zero')).estimates:
+        present = estimate.present
+        assert estimate.absent == (absent,)
+        assert list(np.array(NAMES)[~present]) == [absent]
+        assert (estimate.theta[~present] == 0).all()
+        assert np.isnan(estimate.std_error[~present]).all()
+        assert np.isnan(estimate.intervals[~present]).all()
+        assert np.isfinite(estimate.std_error[present]).all()
+        assert np.isfinite(estimate.condition_number)
+        assert absent not in ' '.join([*estimate.warnings, *estimate.advice])
 
 
 def test_a_delay_of_the_effort_is_estimated():
@@ -163,6 +152,7 @@ def test_a_delay_gives_a_warning_unless_it_is_declared():
     )
     assert found.best.effort.delay == pytest.approx(delay, abs=5e-4)
     assert any('the effort acts 23 ms later' in w for w in found.warnings)
+    assert error(found.best) < 0.05
     assert declared.level is Level.OK
     assert declared.best.effort.delay == delay
     # A search interval without the delay makes the parameters useless.
@@ -181,18 +171,15 @@ def test_the_estimate_converges_from_a_wrong_start(start):
     assert result.level is Level.OK
 
 
-def test_a_stiff_rig_is_identified_from_few_samples():
-    """At 33 Hz, friction under load resembles a lower torque of the motor."""
-    result = identify([recording(330, 0.03, rig=STIFF, seed=4, strength=2.0)], [], Settings(hold='zero'))
-    np.testing.assert_allclose(result.best.theta[:5], STIFF.vector()[:5], rtol=0.03)
-    assert abs(result.best.effort.delay) < 1e-3
+def test_a_stiff_rig_is_identified_from_few_samples_and_a_wrong_initial_delay(monkeypatch):
+    """Smoothing at a low sampling rate resembles a delay; with that delay the filter of a stiff rig diverges.
 
-
-def test_the_estimate_recovers_from_a_wrong_initial_delay(monkeypatch):
-    """Smoothing at a low sampling rate resembles a delay; with that delay the filter of a stiff rig diverges."""
+    At 33 Hz, friction under load resembles a lower torque of the motor.
+    """
     monkeypatch.setattr('pendubot_identification.identification.fitting.estimate_delay', lambda *_, **__: 0.06)
     best = identify([recording(330, 0.03, rig=STIFF, seed=2, strength=4.0)], [], Settings(hold='zero')).best
     np.testing.assert_allclose(best.theta[:5], STIFF.vector()[:5], rtol=0.03)
+    assert abs(best.effort.delay) < 1e-3
 
 
 def test_a_chaotic_motion_is_explained_exactly():
@@ -245,17 +232,6 @@ def test_validation_data_do_not_change_the_estimate():
     assert (assessed.prediction.errors != other.prediction.errors).all()
 
 
-def test_a_disturbance_of_the_validation_data_is_reported():
-    """The encoders stand still for 0.4 s."""
-    motion = recording(800, seed=2)
-    q = motion.q.copy()
-    q[600:640] = q[600]
-    for validation, disturbed in ((motion, False), (replace(motion, q=q), True)):
-        result = identify([motion[:400]], [validation[400:]])
-        assert any(text.startswith('a disturbance: ') for text in result.warnings) == disturbed
-        assert (result.level is Level.WARN) == disturbed
-
-
 @pytest.mark.parametrize('fault', ['torque at random', 'angles at random', 'in quarter turns'])
 def test_an_unphysical_or_useless_result_is_never_ok(fault):
     motion, rng = recording(300, seed=2), np.random.default_rng(1)
@@ -293,7 +269,7 @@ def test_no_unphysical_or_badly_predicting_result_has_the_level_ok(factors, erro
 
 
 def test_a_parameter_on_its_bound_is_reported_and_keeps_its_standard_error():
-    bounds = default_bounds().replaced('b1', 0.0, 0.001)
+    bounds = default_bounds().of(7).replaced('b1', 0.0, 0.001)
     result = identify([recording(400)], [], replace(WEAK, bounds=bounds))
     assert any(w.startswith('b1 lies on its bound 0.001') for w in result.warnings)
     assert not result.best.free[5]
@@ -325,22 +301,15 @@ def test_uninformative_recordings_are_refused_with_a_sentence(motion, sentence):
         identify([motion], [], WEAK)
 
 
-def test_too_few_samples_for_validation_are_refused():
-    with pytest.raises(TrajectoryError, match='too few'):
-        identify([MOTION], [MOTION[:30]], WEAK)
-
-
-@pytest.mark.parametrize(('settings', 'samples'), [(WEAK, 102), (LIKELIHOOD, 130)], ids=['weak', 'likelihood'])
-def test_a_recording_of_little_more_than_a_second_is_identified(settings, samples):
-    result = identify([recording(samples, seed=2)], [], settings)
+@pytest.mark.parametrize(
+    ('settings', 'samples', 'interval'), [(WEAK, 102, 0.01), (LIKELIHOOD, 130, 0.01), (ENERGY, 125, 0.002)]
+)
+def test_short_recordings_are_identified(settings, samples, interval):
+    """The criterion energy accepts motions that are shorter than a test function."""
+    result = identify([recording(samples, interval, seed=2)], [], settings)
     assert np.isfinite(result.best.theta).all()
     assert result.best.prediction.starts.shape == (len(HORIZONS),)
-
-
-def test_the_energy_criterion_accepts_motions_shorter_than_a_test_function():
-    short = identify([recording(125, 0.002)], [recording(300)], ENERGY)
-    assert np.isfinite(short.best.theta).all()
-    assert np.isnan(short.link_length).all()
+    assert np.isnan(result.link_length).all() == (settings is ENERGY)
 
 
 @pytest.mark.parametrize(
@@ -348,12 +317,9 @@ def test_the_energy_criterion_accepts_motions_shorter_than_a_test_function():
     [
         ({'criteria': ('energy', 'magic')}, 'criterion is magic; one of energy'),
         ({'criteria': ('weak', 'weak')}, 'one or more of energy'),
-        ({'optimizer': 'luck'}, 'optimizer is luck; one of auto, mde, lsq is expected'),
-        ({'smoothing': float('nan')}, 'smoothing is nan; a number'),
         ({'delays': (0.1, -0.1)}, 'the smaller one is expected first'),
         ({'delays': (0.0, float('inf'))}, 'delay is inf; .* from -0.5 to 0.5 s is expected'),
         ({'model': 'geared', 'bounds': default_bounds().of(7)}, 'bounds of 7 parameters were given'),
-        ({'runs': 0}, 'runs is 0; a whole number from 1'),
     ],
 )
 def test_invalid_settings_are_refused(changes, sentence):
