@@ -9,8 +9,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pendubot_identification.optimizers.optimizer import OptimizationResult
 from pendubot_identification.paper import paper_tables, trials
@@ -100,21 +98,3 @@ def test_the_default_seed_reproduces_the_papers_table_4():
                 generations[f.name] = result.generations[result.value <= TARGET].mean()
     pace = [generations[f.name] / generations['Sphere'] for f in FUNCTIONS]
     np.testing.assert_allclose(pace, [1, 4.2, 2.1, 1.4], rtol=0.25)
-
-
-runs = st.lists(
-    st.tuples(st.sampled_from([1e-7, 1e-6, 1e-5, 2e-5, 0.1, 3.0]), st.integers(1, 4)), min_size=1, max_size=8
-)
-
-
-@given(runs, runs)
-def test_ranks_order_runs_by_error_or_by_evaluations_to_the_target(first, second):
-    results = [
-        OptimizationResult(None, np.array(value), np.array(spent), None, (), 0, 1)
-        for value, spent in (zip(*sample, strict=True) for sample in (first, second))
-    ]
-    numbers = np.concatenate(trials.ranks(results))
-    keys = [(value > TARGET, value if value > TARGET else spent) for value, spent in (*first, *second)]
-    for key, number in zip(keys, numbers, strict=True):
-        for other, another in zip(keys, numbers, strict=True):
-            assert (key < other) == (number < another)
