@@ -62,19 +62,6 @@ def off(theta):
     return abs(theta[:5] / TRUE[:5] - 1).max()
 
 
-@pytest.mark.parametrize(('delay', 'before', 'behind'), [(0.01, 0.01, 0.0), (-0.06, 0.0, 0.06), (0.0, 0.0, 0.0)])
-def test_simulations_lie_within_their_recordings(prepared, delay, before, behind):
-    parts = [prepared[0], prepared[1].part(1.0, 1.3), prepared[2].part(2.0, 4.0)]
-    simulations = Simulations.of(parts, TRUE, delay, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
-    assert set(simulations.recording) == {0, 2}
-    for number in (0, 2):
-        t = simulations.t[simulations.recording == number]
-        assert t[0] == pytest.approx(parts[number].start + before)
-        assert t[-1] + 0.5 + behind <= parts[number].end
-        assert t[-1] + 0.5 + behind + STRIDE >= parts[number].end - 1e-9
-        np.testing.assert_allclose(np.diff(t), STRIDE)
-
-
 def test_slopes_and_information_agree_with_the_criterion(prepared):
     found = refined(prepared, 1.1 * TRUE, 1e4 * np.diag(1 / np.maximum(TRUE, 0.01) ** 2))
     settings, filter_data = PredictionSettings(), FilterData.of(prepared)
