@@ -12,8 +12,9 @@ from scipy.linalg import expm
 from pendubot_identification import kernel
 from pendubot_identification.model.dynamics import GRAVITY, SIGN_WIDTH
 from pendubot_identification.model.filter import Samples, Term, TermKind, Vectors, innovations
-from pendubot_identification.model.rollout import roll
+from pendubot_identification.model.rollout import roll, sensitivities
 from test.model.test_dynamics import both, both_paths, path
+from test.model.test_simulation import motion
 from test.virtual import GEARED
 
 #: One term of each kind at each joint, with the periods per turn or the speed that the kind needs.
@@ -58,12 +59,6 @@ def vectors(lanes=6, tables=2, terms=TERMS, seed=1):
     )
 
 
-def ideal(theta, noise):
-    """Return vectors without offsets and terms, from theta (14, L) and noise (K, 4, L)."""
-    none = np.zeros((2, theta.shape[1]))
-    return Vectors(theta, none, noise, none + SIGN_WIDTH, none[:0], none[0].astype(int))
-
-
 @pytest.mark.parametrize('lanes', [1, 21])
 def test_kernel_and_numpy_agree(lanes):
     read, unknown = samples(), vectors(lanes)
@@ -87,14 +82,15 @@ def test_each_term_changes_the_innovations():
 
 
 def test_results_do_not_depend_on_the_number_of_threads(monkeypatch):
-    read, unknown = samples(groups=8, steps=200), vectors(40)
-    found = []
+    read, unknown, (x, tau), found = samples(groups=8, steps=200), vectors(40), motion(203, 300), []
     with path(True):
         for threads in (1, 2, 5):
             monkeypatch.setattr(kernel, 'threads', threads)
-            found.append(innovations(read, unknown, TERMS))
+            states = roll(GEARED, x, tau, 1e-3)
+            found.append((states, sensitivities(GEARED, states, tau, 1e-3), *innovations(read, unknown, TERMS)))
     for other in found[1:]:
-        np.testing.assert_array_equal(found[0], other)
+        for a, b in zip(found[0], other, strict=True):
+            np.testing.assert_array_equal(a, b)
 
 
 def test_results_do_not_depend_on_the_processor(monkeypatch):
@@ -105,17 +101,6 @@ def test_results_do_not_depend_on_the_processor(monkeypatch):
         monkeypatch.setattr(kernel, 'library', lambda library=library: library)
         found.append(innovations(read, unknown, TERMS))
     np.testing.assert_array_equal(*found)
-
-
-def test_without_torque_noise_the_mean_is_a_rollout_of_the_model():
-    read = samples(groups=1, steps=50, every=50, tables=1, h=0.002)
-    read = replace(read, h=np.full((1, 50), 0.002), spread=np.zeros((1, 4)))
-    noise = np.array([1e-10, 1e-10, 0, 0])[:, None]
-    unknown = ideal(GEARED[:, None], np.stack([noise, noise]))
-    for e, s in both(innovations, read, unknown):
-        states = roll(GEARED, read.start[0].T, read.tau[0, 0].T[:, :, None], 0.002)
-        np.testing.assert_allclose(read.y[0, 0, -1] - e[0, :, 0], states[-1, :2, 0], rtol=1e-9)
-        np.testing.assert_allclose(s, 1e-10)
 
 
 def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
@@ -135,7 +120,9 @@ def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
         y=np.array([-np.pi / 2, 0]) + tiny * np.random.default_rng(4).normal(size=(1, 1, 400, 2)),
     )
     noise = np.array([1.0, 2.0, 3e-3, 4e-3]) * tiny**2
-    found = both(innovations, read, ideal(theta[:, None], np.tile(noise[:, None], (2, 1, 1))))
+    none, noises = np.zeros((2, 1)), np.tile(noise[:, None], (2, 1, 1))
+    unknown = Vectors(theta[:, None], none, noises, none + SIGN_WIDTH, none[:0], np.array([0]))
+    found = both(innovations, read, unknown)
 
     M = np.array([[theta[0] + theta[1], theta[1]], [theta[1], theta[1] + theta[9]]])
     A, B = np.zeros((4, 4)), np.zeros((4, 2))
