@@ -259,10 +259,11 @@ class Motor:
             wanted = max(-limit, min(limit, wanted))
         if not state.status & Status.SLEW:
             return wanted, wanted
-        # The slewing torque lies among the previous torque and the commands since then.
+        # The slewing torque lies among the previous torque, the command at that time (the torque went on towards it in
+        # lost STATEs), and the commands since then.
         before = self._before
         steps = (state.cmd_seq - before.cmd_seq) % _SEQS if before.cmd_seq in self._sent else 0
-        since = (self._sent.get((state.cmd_seq - k) % _SEQS, wanted) for k in range(1, min(steps, 1000)))
+        since = (self._sent.get((state.cmd_seq - k) % _SEQS, wanted) for k in range(1, min(steps, 1000) + 1))
         passed = [wanted, before.torque, *since]
         return min(passed), max(passed)
 

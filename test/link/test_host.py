@@ -321,6 +321,14 @@ def test_a_slewed_torque_or_the_torque_of_the_previous_command_is_accepted(torqu
     assert wire.host.armed
 
 
+def test_a_torque_that_slewed_to_the_previous_command_in_lost_states_is_accepted():
+    wire = Wire().armed()
+    slewing = {'status': Status.ARMED | Status.SLEW}
+    wire.state(**wire.effort(0.5) | slewing | {'torque': 100_000})
+    wire.state(wire.seq + 3, **wire.effort(-0.5) | slewing | {'torque': 110_000})
+    assert wire.host.armed
+
+
 @pytest.mark.parametrize('state', [{'status': Status.ARMED, 'cmd_seq': 7}, {'torque': 300_000}])
 def test_a_board_that_does_not_obey_the_request_to_disarm_is_reported_until_it_does(state):
     wire, reports = Wire(), []
