@@ -120,7 +120,9 @@ class Motor:
             self._counters.not_finite += 1
             text = f'an effort command is {torque}; only finite torques are sent: disarming'
             self._output.report_new('not finite', now, Level.ERROR, text)
-            self.stop('an effort command was not finite', now, wanted=True)
+            # Only once: repeated requests would look like requests that the board ignores.
+            if self.armed or self._arming_since is not None:
+                self.stop('an effort command was not finite', now, wanted=True)
             return
         if not self.armed or self.board is None:
             self._counters.discarded += 1

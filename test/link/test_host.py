@@ -343,6 +343,13 @@ def test_a_board_that_does_not_obey_the_request_to_disarm_is_reported_until_it_d
     assert wire.host.condition(wire.now).level is Level.WARN
 
 
+def test_a_state_that_was_sent_before_many_torques_that_are_not_finite_is_no_disobedience():
+    wire = Wire().armed()
+    wire.command(*20 * [math.nan])
+    assert texts(wire.obeying()) == []
+    assert [command.mode for command in wire.sent(Command)] == [Mode.DISARM]
+
+
 def test_the_host_stays_armed_when_command_numbers_wrap():
     wire = Wire().armed()
     wire.host.output.seq = 65_500
