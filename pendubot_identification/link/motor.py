@@ -229,12 +229,12 @@ class Motor:
             self._disarms = {*self._sent}
             self._request(state.lock, now)
         elif status & Status.ARMED or (state.lock != self._lock and state.cmd_seq not in self._disarms):
-            self.stop('another program armed or disarmed the board in the meantime; end that program', now)
+            self.stop(self._contradiction(state), now)
         elif state.lock != self._lock:  # a repeated mode 0 of this host arrived late
             self._request(state.lock, now)
 
     def _contradiction(self, state: State) -> str:
-        """Return the reason why this STATE of an armed board disarms; empty if the STATE is as expected."""
+        """Return the reason why this STATE after an ARM disarms; empty if the STATE is as expected."""
         status = state.status
         if status & FAULTS:
             return f'the board is in a fault: {names(status & FAULTS)}'

@@ -387,6 +387,14 @@ def test_a_late_disarm_request_ends_no_arming_unless_another_program_sent_it(own
     assert [request.lock for request in wire.sent(Arm)] == ([2, 3] if own else [2])
 
 
+def test_an_arming_that_expires_before_the_first_state_shows_it_is_not_attributed_to_another_program():
+    wire = Wire()
+    wire.state()
+    wire.arm()
+    ended = wire.state(cmd_seq=wire.sent(Arm)[-1].seq, lock=2, status=Status.WATCHDOG)
+    assert only(ended, ArmingEnded) == [ArmingEnded("the board's watchdog tripped")]
+
+
 def test_a_board_with_an_older_protocol_is_reported_and_not_armed():
     wire = Wire(hello=None)
     data = struct.pack('<BBHIiiihHHH', 1, 1, 1, 10_000, 0, 0, 0, 0, 2400, 0, 0)
