@@ -118,11 +118,11 @@ class Motor:
         """Send an effort command for the shoulder [N m] at once if armed, else discard it."""
         if not math.isfinite(torque):
             self._counters.not_finite += 1
-            text = f'an effort command is {torque}; only finite torques are sent: disarming'
+            text = f'an effort command is {torque}; only finite torques are sent'
             self._output.report_new('not finite', now, Level.ERROR, text)
             # Only once: repeated requests would look like requests that the board ignores.
             if self.armed or self._arming_since is not None:
-                self.stop('an effort command was not finite', now, wanted=True)
+                self.stop('an effort command was not finite', now)
             return
         if not self.armed or self.board is None:
             self._counters.discarded += 1

@@ -347,7 +347,11 @@ def test_a_state_that_was_sent_before_many_torques_that_are_not_finite_is_no_dis
     wire = Wire().armed()
     wire.command(*20 * [math.nan])
     assert texts(wire.obeying()) == []
-    assert [command.mode for command in wire.sent(Command)] == [Mode.DISARM]
+    (request,) = wire.sent(Command)
+    assert request.mode == Mode.DISARM
+    wire.state(cmd_seq=request.seq, lock=2)
+    wanted = Report(Level.WARN, 'disarmed: an effort command was not finite; arm again when it is safe')
+    assert wire.host.condition(wire.now) == wanted
 
 
 def test_the_host_stays_armed_when_command_numbers_wrap():
