@@ -213,9 +213,7 @@ class Bridge(ManagedNode):
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
         if (self._host.armed or self._arming) and (rivals := name_rivals(self, *self._commands)):
             self._logged_rivals = rivals
-            self._host.output.emit(ArmingEnded(rivals))
-            self._host.output.report(Level.ERROR, f'disarmed: {rivals}; then arm again')
-            self._host.motor.disarm(now)
+            self._host.motor.stop(rivals, now)
 
     def _on_effort(self, message: Float64, info: dict[str, Any]) -> None:
         self._step(lambda now: self._effort(message.data, info['source_timestamp'], now))

@@ -47,7 +47,7 @@ def test_a_second_publisher_disarms_and_both_are_named_until_one_is_gone(shared_
     assert not answer.success
     assert answer.message.startswith(RIVALS)
     stranger.destroy_publisher(other)
-    r.until(lambda: r.diagnoses and r.diagnoses[-1].level == b'\0')
+    r.until(lambda: (d := r.diagnoses[-1]).level == b'\1' and d.message.startswith(f'disarmed: {RIVALS}'))
     # The bridge does not arm again by itself.
     end = len(r.trace()) + 50
     r.drive_until(OWN / 1e6, lambda: len(r.trace()) > end)
