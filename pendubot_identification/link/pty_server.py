@@ -64,6 +64,8 @@ class PtyServer:
             self._plug()
         except LinkError:
             self.__exit__()
+            if trace:
+                trace.unlink()
             raise
         self.path = str(link or self._slave_path)
 

@@ -130,7 +130,8 @@ def _named(kind: str, texts: Sequence[str], names: Sequence[str], number: Callab
         try:
             values[name] = number(value)
         except ValueError:
-            raise ParameterError(f'the {kind} {text!r} has no number; write {name}=VALUE') from None
+            whole = 'whole ' * (number is int)
+            raise ParameterError(f'the {kind} {text!r} has no {whole}number; write {name}=VALUE') from None
     return values
 
 
@@ -167,8 +168,8 @@ def main() -> int:
     try:
         board = make_board(options)
         with (
-            PtyServer(board, options.link, options.trace, _report, options.patient) as server,
             _node(board, ended) if '--ros-args' in argv else nullcontext(),
+            PtyServer(board, options.link, options.trace, _report, options.patient) as server,
         ):
             signal.signal(signal.SIGUSR1, lambda *_: server.pull())
             signal.signal(signal.SIGUSR2, lambda *_: server.plug())

@@ -65,6 +65,7 @@ REFUSED_BY_THE_BOARD = {
     '--torque-limit nan': 'torque_limit is nan',
     '--limit heat=1': "no limit 'heat'; the limits are torque_slew, max_speed",
     '--limit stall_ms=70000': 'stall_ms is 70000',
+    '--limit max_speed=1.5': "the limit 'max_speed=1.5' has no whole number; write max_speed=VALUE",
     '--ros-args --params-file /none.yaml': 'ROS refused: failed to initialize rcl',
     '--ros-args --nope': "ROS refused: ['--nope']; correct the arguments",
 }

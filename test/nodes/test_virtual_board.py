@@ -45,6 +45,13 @@ def test_the_arm_is_fixed_at_its_start_until_the_first_arming():
     assert abs(board.step(99).enc1 - begin[0]) > 100, 'it must fall after arming'
 
 
+@pytest.mark.parametrize('mistake', [('--link', '/dev/null'), ('--ros-args', '-p', 'payload:=99')])
+def test_a_board_that_does_not_start_leaves_no_trace_that_prevents_the_next_start(tmp_path, mistake):
+    trace = tmp_path / 'trace.csv'
+    assert run_program('virtual_board', '--trace', trace, *mistake).returncode == 1
+    assert not trace.exists()
+
+
 @pytest.mark.ros
 def test_the_node_has_the_payload_as_a_parameter(ros):
     with Program('virtual_board', '--ros-args', '-r', '__node:=board') as board, Observer(ros) as observer:
