@@ -326,7 +326,7 @@ class ManagedNode(LifecycleNodeMixin, SettingsNode):
         return TransitionCallbackReturn.FAILURE
 
     def _is_read_only(self, setting: Setting) -> bool:
-        return setting is AUTOSTART
+        return setting == AUTOSTART
 
     def _on_set(self, changed: Sequence[Parameter]) -> SetParametersResult:
         """Refuse changes of settings that are read during configuration, while the node is configured."""

@@ -55,6 +55,7 @@ def test_every_node_can_be_configured_again_and_refuses_invalid_transitions(mana
         }
         for name, program in programs.items():
             program.wait_for(f'waiting: ros2 lifecycle set /{name} configure')
+            assert 'read-only' in manager.set(f'/{name}', autostart=True).reason
             for label in (*ROUND, *ROUND[:2]):
                 if label == 'configure':
                     shutil.rmtree(tmp_path / 'bag', ignore_errors=True)
