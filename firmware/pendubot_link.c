@@ -87,71 +87,72 @@ static bool undo_cobs(uint8_t *frame, size_t size)
     return at == size;
 }
 
-static enum pendubot_event read_frame(uint8_t *frame, size_t size, struct pendubot_request *request)
+/* The result of decoding a byte: nothing yet, a complete message, or dropped bytes. */
+enum event { NOTHING, COMMAND, ARM, HELLO_REQUEST, DAMAGED };
+
+/* A COMMAND or an ARM. */
+struct request {
+    uint32_t session;
+    uint32_t boot_id; /* of an ARM alone */
+    int32_t torque;   /* of a COMMAND alone */
+    uint16_t seq;
+    uint16_t watchdog_ms;
+    uint16_t lock; /* of an ARM alone */
+    uint8_t mode;  /* of a COMMAND alone: 0 disarm, 1 torque, 2 zeros confirmed */
+};
+
+static enum event read_frame(uint8_t *frame, size_t size, struct request *request)
 {
-    if (!undo_cobs(frame, size)) {
-        return PENDUBOT_BAD_COBS;
+    if (!undo_cobs(frame, size) || size < 1 + HEADER + CRC) {
+        return DAMAGED;
     }
     const uint8_t *content = frame + 1;
-    if (size < 1 + HEADER + CRC) {
-        return PENDUBOT_BAD_LENGTH;
-    }
     size_t body = size - 1 - CRC;
-    if (crc32(content, body) != get32(content + body)) {
-        return PENDUBOT_BAD_CRC;
+    if (crc32(content, body) != get32(content + body) || content[1] != VERSION) {
+        return DAMAGED;
     }
-    if (content[1] != VERSION) {
-        return PENDUBOT_BAD_VERSION;
-    }
-    request->seq = get16(content + 2);
-    request->t_us = get32(content + 4);
     const uint8_t *payload = content + HEADER;
     size_t payload_size = body - HEADER;
-    switch (content[0]) {
-    case TYPE_HELLO_REQUEST:
-        return payload_size == 0 ? PENDUBOT_HELLO_REQUEST : PENDUBOT_BAD_LENGTH;
-    case TYPE_COMMAND:
-        if (payload_size != COMMAND_PAYLOAD) {
-            return PENDUBOT_BAD_LENGTH;
-        }
+    request->seq = get16(content + 2);
+    if (content[0] == TYPE_HELLO_REQUEST && payload_size == 0) {
+        return HELLO_REQUEST;
+    }
+    if (content[0] == TYPE_COMMAND && payload_size == COMMAND_PAYLOAD) {
         request->mode = payload[0];
-        request->flags = payload[1];
         request->watchdog_ms = get16(payload + 2);
         request->torque = (int32_t)get32(payload + 4);
         request->session = get32(payload + 8);
-        return PENDUBOT_COMMAND;
-    case TYPE_ARM:
-        if (payload_size != ARM_PAYLOAD) {
-            return PENDUBOT_BAD_LENGTH;
-        }
+        return COMMAND;
+    }
+    if (content[0] == TYPE_ARM && payload_size == ARM_PAYLOAD) {
         request->boot_id = get32(payload);
         request->session = get32(payload + 4);
         request->lock = get16(payload + 8);
         request->watchdog_ms = get16(payload + 10);
-        return PENDUBOT_ARM;
-    default:
-        return PENDUBOT_BAD_TYPE;
+        return ARM;
     }
+    return DAMAGED;
 }
 
-enum pendubot_event pendubot_decode(struct pendubot_decoder *decoder, uint8_t byte, struct pendubot_request *request)
+/* Decodes one byte; fills `request` if it completes a COMMAND or an ARM. */
+static enum event decode(struct pendubot_decoder *decoder, uint8_t byte, struct request *request)
 {
     if (byte == 0) {
         size_t size = decoder->size;
         decoder->size = 0;
         decoder->overlong = false;
-        return size == 0 ? PENDUBOT_NOTHING : read_frame(decoder->frame, size, request);
+        return size == 0 ? NOTHING : read_frame(decoder->frame, size, request);
     }
     if (decoder->overlong) {
-        return PENDUBOT_NOTHING;
+        return NOTHING;
     }
     if (decoder->size == PENDUBOT_MAX_FRAME) {
         decoder->size = 0;
         decoder->overlong = true;
-        return PENDUBOT_OVERLONG;
+        return DAMAGED;
     }
     decoder->frame[decoder->size++] = byte;
-    return PENDUBOT_NOTHING;
+    return NOTHING;
 }
 
 /* The limits */
@@ -295,7 +296,7 @@ static void disarm(struct pendubot_link *link, uint32_t reason)
     link->slewed = 0;
 }
 
-static void hold(struct pendubot_link *link, uint32_t now_us, const struct pendubot_request *request)
+static void hold(struct pendubot_link *link, uint32_t now_us, const struct request *request)
 {
     uint16_t longest = link->settings.watchdog_max_ms;
     uint32_t held_ms = request->watchdog_ms < longest ? request->watchdog_ms : longest;
@@ -309,7 +310,7 @@ static void refuse(struct pendubot_link *link)
     link->notes |= PENDUBOT_REFUSED;
 }
 
-static void obey(struct pendubot_link *link, uint32_t now_us, uint32_t faults, const struct pendubot_request *command)
+static void obey(struct pendubot_link *link, uint32_t now_us, uint32_t faults, const struct request *command)
 {
     if (command->mode == MODE_DISARM) {
         disarm(link, 0);
@@ -327,7 +328,7 @@ static void obey(struct pendubot_link *link, uint32_t now_us, uint32_t faults, c
     }
 }
 
-static void arm(struct pendubot_link *link, uint32_t now_us, uint32_t faults, const struct pendubot_request *request)
+static void arm(struct pendubot_link *link, uint32_t now_us, uint32_t faults, const struct request *request)
 {
     if (link->armed && request->session == link->session) {
         return; /* a repeated request */
@@ -345,22 +346,22 @@ static void arm(struct pendubot_link *link, uint32_t now_us, uint32_t faults, co
 
 void pendubot_receive(struct pendubot_link *link, uint32_t now_us, uint32_t faults, const uint8_t *data, size_t size)
 {
-    struct pendubot_request request;
+    struct request request;
     faults = lasting(link, faults);
     for (size_t k = 0; k < size; k++) {
-        switch (pendubot_decode(&link->decoder, data[k], &request)) {
-        case PENDUBOT_NOTHING:
+        switch (decode(&link->decoder, data[k], &request)) {
+        case NOTHING:
             break;
-        case PENDUBOT_COMMAND:
+        case COMMAND:
             obey(link, now_us, faults, &request);
             break;
-        case PENDUBOT_ARM:
+        case ARM:
             arm(link, now_us, faults, &request);
             break;
-        case PENDUBOT_HELLO_REQUEST:
+        case HELLO_REQUEST:
             link->hellos_due = (uint8_t)(link->hellos_due + (link->hellos_due < UINT8_MAX));
             break;
-        default:
+        case DAMAGED:
             link->notes |= PENDUBOT_DAMAGED_FRAME;
         }
     }

@@ -58,42 +58,12 @@ enum { PENDUBOT_STATE_FRAME = 40, PENDUBOT_HELLO_FRAME = 94 };
 /* The size of the longest frame without its delimiter. The decoder drops longer ones. */
 enum { PENDUBOT_MAX_FRAME = 93 };
 
-/* The result of decoding a byte: nothing yet, a complete message, or the reason for dropped bytes. */
-enum pendubot_event {
-    PENDUBOT_NOTHING,
-    PENDUBOT_COMMAND,
-    PENDUBOT_ARM,
-    PENDUBOT_HELLO_REQUEST,
-    PENDUBOT_OVERLONG,
-    PENDUBOT_BAD_COBS,
-    PENDUBOT_BAD_LENGTH,
-    PENDUBOT_BAD_CRC,
-    PENDUBOT_BAD_VERSION,
-    PENDUBOT_BAD_TYPE,
-};
-
-/* A COMMAND or an ARM. */
-struct pendubot_request {
-    uint32_t t_us; /* the host's clock */
-    uint32_t session;
-    uint32_t boot_id; /* of an ARM alone */
-    int32_t torque;   /* of a COMMAND alone */
-    uint16_t seq;
-    uint16_t watchdog_ms;
-    uint16_t lock; /* of an ARM alone */
-    uint8_t mode;  /* of a COMMAND alone: 0 disarm, 1 torque, 2 zeros confirmed */
-    uint8_t flags;
-};
-
 /* The state of a decoder; initially zero. */
 struct pendubot_decoder {
     uint8_t frame[PENDUBOT_MAX_FRAME];
     uint8_t size;
     bool overlong;
 };
-
-/* Decodes one byte; fills `request` if it completes a COMMAND or an ARM. */
-enum pendubot_event pendubot_decode(struct pendubot_decoder *decoder, uint8_t byte, struct pendubot_request *request);
 
 /* The limits in HELLO; 0 if the board has no such limit. */
 struct pendubot_limits {
