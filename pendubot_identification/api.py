@@ -413,7 +413,7 @@ def _export(  # noqa: D417
     if isinstance(self, Identified):
         result: PartialResult = self.result
     else:
-        pairs = zip(SPECIFICATIONS, self.theta, strict=False)
+        pairs = zip(SPECIFICATIONS, self.theta.tolist(), strict=False)
         result = PartialResult(parameters={s.name: Parameter(value=value, unit=s.unit) for s, value in pairs})
     text, _ = export(result, format_of(Path(path)), link_length, torque_limit, revolute=revolute)
     write_atomically(Path(path), text, overwrite=overwrite)

@@ -5,6 +5,7 @@
 
 import ast
 import inspect
+import runpy
 import subprocess
 import sys
 from dataclasses import replace
@@ -164,6 +165,10 @@ def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
     path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0, revolute=True)
     assert path.read_text() == export(found.result, 'urdf', 0.03, 1.0, revolute=True)[0]
     assert 'mujoco' in RIG.export(str(tmp_path / 'rig.xml')).read_text()
+    numbers = runpy.run_path(str(RIG.export(tmp_path / 'rig.py')))['THETA']
+    assert repr(numbers) == repr(tuple(RIG.theta.tolist()))
+    for suffix, line in (('h', 'PENDUBOT_P1 (0.0148)'), ('m', 'pendubot.P1 = 0.0148;'), ('yaml', 'P1: 0.0148')):
+        assert line in RIG.export(tmp_path / f'rig.{suffix}').read_text()
     with pytest.raises(PendubotError, match=r'rig.urdf exists already .* overwrite=True'):
         found.export(path)
     with pytest.raises(PendubotError, match=r'rig.usd has no suffix that names a format; .urdf, '):
