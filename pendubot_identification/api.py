@@ -279,8 +279,9 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     elif isinstance(recording, _Arrays):
         numbers = {name: _numbers(name, each) for name, each in recording._asdict().items() if each is not None}
         t, q, tau, qd = numbers['t'], numbers['q'], numbers['tau'], numbers.get('qd')
-        if q.shape != (*t.shape, 2):
-            raise ParameterError(f't has shape {t.shape} and q {q.shape}; (N,) and (N, 2) are expected')
+        for name, rows in (('q', q), ('qd', qd)):
+            if rows is not None and (t.ndim != 1 or rows.shape != (len(t), 2)):
+                raise ParameterError(f't has shape {t.shape} and {name} {rows.shape}; (N,) and (N, 2) are expected')
         motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, tau), qd, 'arrays')
     elif not (hasattr(recording, 'iloc') and hasattr(recording, 'columns')):
         raise ParameterError(f'{type(recording).__name__} was given; {KINDS}')

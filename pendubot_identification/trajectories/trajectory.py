@@ -33,7 +33,12 @@ class Trajectory:
     name: str = 'trajectory'  #: its source, for messages.
 
     def __post_init__(self) -> None:
-        n = len(self.t)
+        for label in ('t', 'q', 'tau', 'qd'):  # also of lists
+            if (given := getattr(self, label)) is not None:
+                object.__setattr__(self, label, np.asarray(given, dtype=float))
+        n = self.t.size
+        if self.t.ndim != 1:
+            raise TrajectoryError(f'{self.name}: t has shape {self.t.shape}; ({n},) is expected')
         for label, values in (('q', self.q), ('tau', self.tau), ('qd', self.qd)):
             if values is None:
                 continue
