@@ -40,7 +40,7 @@ from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
 from .recordings.datasets import Datasets, divided, load_datasets, windows_of
 from .recordings.survey import Inspection, inspect_recording
-from .recordings.table_reader import TableReader
+from .recordings.table_reader import TableReader, elapsed
 from .recordings.tables import Table
 from .results import comparison
 from .results.checks import Finding, check_recordings
@@ -298,10 +298,10 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
 
 
 def _numbers(name: str, values: ArrayLike) -> Array:
-    """Return an argument as an array of numbers, NaN if masked; dates and durations in seconds from the first."""
+    """Return an argument as an array of numbers, NaN if masked; dates and durations in seconds from the earliest."""
     array = np.asarray(values)
     if array.dtype.kind in 'mM':
-        array = (array - array[:1]) / np.timedelta64(1, 's')
+        array = elapsed(array)
     try:
         masked = isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values)
         return np.where(masked, math.nan, array.astype(float))

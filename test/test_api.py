@@ -161,6 +161,16 @@ def test_masked_samples_are_missing():
             identify(t=t, q=q, tau=motion.tau, **FAST)
 
 
+def test_a_missing_date_is_a_missing_sample():
+    pandas, motion = pytest.importorskip('pandas'), read(f'{SAMPLE}@0:9')
+    dates = np.datetime64('2026-11-26') + np.rint(1e9 * motion.t).astype('timedelta64[ns]')
+    dates[0] = np.datetime64('NaT')
+    frame = pandas.DataFrame({'t': dates, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]})
+    np.testing.assert_array_equal(read(frame, skip_missing=True).q, motion.q[1:])
+    with pytest.raises(PendubotError, match=r"sample 1, column 't': 'NaT' is no finite number, as of 1 of \d+ rows"):
+        read(frame)
+
+
 def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
     path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0, revolute=True)
     assert path.read_text() == export(found.result, 'urdf', 0.03, 1.0, revolute=True)[0]

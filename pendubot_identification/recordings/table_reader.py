@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.errors import TableError
@@ -237,14 +238,20 @@ def _only(found: list[str]) -> str:
 
 
 def _numbers(cells: Any, *, comma: bool) -> Array:
-    """Return cells as numbers; NaN for other texts; dates and durations of pandas in seconds since the first."""
+    """Return cells as numbers; NaN for other texts; dates and durations of pandas in seconds from the earliest."""
     if not isinstance(cells, tuple):
         cells = np.asarray(cells)
         if cells.dtype.kind in 'mM':
-            return np.asarray((cells - cells[0]) / np.timedelta64(1, 's'))
+            return elapsed(cells)
         if cells.dtype.kind in 'biuf':
             return np.asarray(cells, dtype=float)
     return np.array([_number(str(cell).replace(',', '.') if comma else str(cell)) for cell in cells])
+
+
+def elapsed(times: NDArray[Any]) -> Array:
+    """Return dates or durations of numpy in seconds from the earliest; NaN if missing."""
+    missing = np.array('NaT', times.dtype)
+    return np.asarray((times - np.fmin.reduce(times, axis=None, initial=missing)) / np.timedelta64(1, 's'))
 
 
 def _number(cell: str) -> float:
