@@ -177,7 +177,7 @@ class TableReader:
             if time == before:
                 finding, remedy = 'repeats', 'export more digits, or correct or remove that row'
             raise TableError(
-                f'{self._where(rows[1])}: the time {time:.12g} {finding}, after {before:.12g}; every row '
+                f'{self._where(rows[1])}: the time {time:.15g} {finding}, after {before:.15g}; every row '
                 f'needs a later one: {remedy}'
             )
         t -= t[0]

@@ -70,7 +70,7 @@ def _text(path: Path, conversion: Conversion) -> Table:
     with gzip.open(path) if path.suffix.lower() == '.gz' else path.open('rb') as file:
         start = file.read(200)
         utf16 = start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-        encodings = ['utf-16' if utf16 else 'utf-16-le' if b'\0' in start[1::2] else 'utf-8-sig', 'cp1252']
+        encodings = ['utf-16' if utf16 else 'utf-16-le' if b'\0' in start[1::2] else 'utf-8', 'cp1252']
         if b'\0' in start or b'\x80' <= start[:1] < b'\xa0':  # cp1252 also decodes binary files
             encodings.pop()
         for encoding in [conversion.encoding] if conversion.encoding else encodings:
@@ -92,7 +92,7 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion, word: st
     ``word`` is the word for a line in messages.
     """
     above = conversion.skip_rows
-    lines = (line.rstrip('\n').strip(' ') for line in file)
+    lines = (line.rstrip('\n').strip(' \ufeff') for line in file)  # also a byte order mark
     head = list(islice(lines, above + 50))
     if not any(map(str.strip, head)):
         raise TableError(f'{path} is empty; a line of column names and rows of numbers are expected: export it again')

@@ -79,6 +79,12 @@ def test_other_text_formats_are_read(written, text, encoding):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16-le'])
+def test_a_byte_order_mark_is_left_out_in_a_named_encoding(written, encoding):
+    path = written('\ufeff' + TEXT, encoding)
+    np.testing.assert_array_equal(read(path, encoding=encoding).q, [[0.1, 0.2], [0.3, 0.5], [0.6, 0.4]])
+
+
 @pytest.mark.parametrize('titles', [0, 2])
 @pytest.mark.parametrize('row', [';{}', '{};'])
 def test_a_nameless_column_and_decimal_commas_are_read_below_titles(written, row, titles):
@@ -122,6 +128,10 @@ def test_a_nameless_column_and_decimal_commas_are_read_below_titles(written, row
                 ('5.00', 'repeats, after 5; every row needs a later one: export more digits'),
                 ('4.99', 'decreases, after 5; every row needs a later one: .* without a restart of the clock'),
             )
+        ),
+        (
+            MINIMAL + '1732710000.098,1,2,3\n1732710000.099,1,2,3\n1732710000.098,1,2,3\n',
+            r'line 4: the time 1732710000.098 decreases, after 1732710000.099; every',
         ),
     ],
 )
