@@ -299,7 +299,8 @@ class BagWriter:
 def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
     """Write a complete bag or none: its folder is ``NAME.PID.partial`` until it is complete.
 
-    With ``overwrite`` it then replaces a bag of this name, but no other file or folder.
+    With ``overwrite`` it then replaces a bag of this name, or the bag that a link of this name leads to, but no other
+    file or folder.
 
     Raises:
         BagError: the name is taken, or writing fails.
@@ -309,15 +310,16 @@ def complete_bag(path: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
         raise BagError(f'{path} exists already; give another name or {OVERWRITE}')
     try:
         _bag_files(path)
+        target = path.resolve()
         # Two programs that write the same bag must not share a folder.
-        partial = path.absolute().with_name(f'{path.absolute().name}.{os.getpid()}.partial')
+        partial = target.with_name(f'{target.name}.{os.getpid()}.partial')
         try:
             with BagWriter(path, folder=partial) as bag:
                 yield bag
             if overwrite:
                 for file in _bag_files(path):
                     file.unlink()
-            os.rename(partial, path)
+            os.rename(partial, target)
             sync_folder(partial.parent)
         finally:
             shutil.rmtree(partial, ignore_errors=True)

@@ -100,6 +100,16 @@ def test_only_bags_are_overwritten(tmp_path, make):
     assert contents(tmp_path) == before
 
 
+def test_the_bag_behind_a_link_is_overwritten(tmp_path):
+    write(tmp_path / 'bag')
+    (tmp_path / 'latest').symlink_to('bag')
+    with complete_bag(tmp_path / 'latest', overwrite=True) as bag:
+        log(bag, 5)
+    assert (tmp_path / 'latest').is_symlink()
+    assert BagReader(tmp_path / 'bag').count == 5
+    assert [path.name for path in tmp_path.iterdir() if 'partial' in path.name] == []
+
+
 def test_a_full_disk_is_reported_in_one_sentence_and_leaves_complete_chunks(tmp_path, monkeypatch):
     """A limit of the file size stands for the full disk; the test of the recorder fills a disk."""
     monkeypatch.setattr(bag_writer, '_shortage', lambda *_: '')
