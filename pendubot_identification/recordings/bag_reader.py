@@ -263,12 +263,12 @@ def stream_samples(reader: Reader, window: BagWindow, conversion: Conversion) ->
             yield np.column_stack([part.t, part.q, part.tau])
         return
     Q, c, T, d = conversion.affine
-    before = np.empty((0, 2))
+    before = np.empty((0, 2))  # the last angles of the block before
     for elapsed_ns, values in joint_samples(reader, window, conversion):
         q = values[:, 0]
         if conversion.unwrap:
-            q = np.unwrap(np.concatenate([before, q]), period=conversion.turn, axis=0)[len(before) :]
-            before = q[-1:]
+            q = conversion.unwrapped(q, before)
+            before = np.concatenate([before, q[np.isfinite(q).all(axis=1)]])[-1:]
         yield np.column_stack([elapsed_ns / 1e9, q @ Q.T + c, values[:, 1] @ T.T + d])
 
 

@@ -188,7 +188,7 @@ class Conversion:
             complete = (np.abs(values) < LARGEST).all(axis=1)
             t, q, tau, qd = t[complete], q[complete], tau[complete], None if qd is None else qd[complete]
         if self.unwrap:
-            q = np.unwrap(q, period=self.turn, axis=0)
+            q = self.unwrapped(q, q[:0])
         elif len(t):
             self._refuse_wrapped(t, q, name)
         Q, c, T, d = self.affine
@@ -197,22 +197,31 @@ class Conversion:
             q, tau, qd = q @ Q.T + c, tau @ T.T + d, None if qd is None else qd @ Q.T
         return Trajectory(t, q, tau, qd, name)
 
+    def unwrapped(self, q: Array, before: Array) -> Array:
+        """Return recorded angles without jumps by a turn, as they follow the row or no row of ``before``.
+
+        Rows that are not finite stay as they are.
+        """
+        q, finite = q.copy(), np.isfinite(q).all(axis=1)
+        q[finite] = np.unwrap(np.concatenate([before, q[finite]]), period=self._turn, axis=0)[len(before) :]
+        return q
+
     @property
-    def turn(self) -> float:
+    def _turn(self) -> float:
         """One turn, in the unit of the recorded angles."""
         return 360.0 if self.degrees else 2 * math.pi
 
     def _refuse_wrapped(self, t: Array, q: Array, name: str) -> None:
         """Raise TrajectoryError if an angle stays within one turn, in its unit or in degrees, and jumps by a turn."""
         span = np.ptp(q, axis=0)
-        for period in dict.fromkeys((self.turn, 360.0)):
+        for period in dict.fromkeys((self._turn, 360.0)):
             suspect = (span > (1 - WRAPPED) * period) & (span <= period * (1 + 1e-6))
             if not suspect.any():
                 continue  # the steps of an hour take as much memory as its angles
             jumps = np.argwhere((np.abs(np.diff(q, axis=0)) > (1 - WRAPPED) * period) & suspect)
             if jumps.size:
                 k, joint = jumps[0]
-                remedy = {'unwrap': 'true'} | ({'degrees': 'true'} if period != self.turn else {})
+                remedy = {'unwrap': 'true'} | ({'degrees': 'true'} if period != self._turn else {})
                 raise TrajectoryError(
                     f'{name}: q{joint + 1} jumps by {q[k + 1, joint] - q[k, joint]:.4g} at {t[k + 1]:.3f} s, as an '
                     f'angle that was wrapped into one turn: add {" ".join(options(remedy))}',

@@ -264,3 +264,14 @@ def test_wrapped_angles_are_unwrapped_in_files_and_streams(tmp_path, conversion)
     rows = stream_samples(reader, window, conversion)
     for q in (read_trajectory(window, conversion).trajectory.q, np.concatenate(list(rows))[:, 1:3]):
         np.testing.assert_allclose(q, expected.q, atol=1e-9)
+
+
+def test_a_missing_angle_leaves_the_unwrapped_angles_after_it(tmp_path):
+    angles = 0.05 * np.arange(300)
+    shown = np.where(np.arange(300) == 40, np.nan, angles % (2 * np.pi))
+    conversion = Conversion(unwrap=True)
+    path = write(tmp_path / 'bag', samples(300, position=lambda k: (shown[k], 0.0)))
+    rows = np.concatenate([*stream_samples(BagReader(path), BagWindow(path), conversion)])
+    np.testing.assert_allclose(rows[:, 1], np.where(np.arange(300) == 40, np.nan, angles))
+    with pytest.raises(TrajectoryError, match='1 of 300 samples hold a q that is not a number'):
+        read_trajectory(path, conversion)
