@@ -223,6 +223,9 @@ def test_results_are_compared_in_a_frame(found):
     apart = frame['other', 'value'] - frame['first', 'value']
     error = np.hypot(frame['first', 'std_error'], frame['other', 'std_error'])
     np.testing.assert_allclose(frame['other', 't'], apart / error, rtol=1e-9)
+    elsewhere = replace(other.result, bags=[replace(bag, bag='run@3.csv') for bag in other.result.bags])
+    (note,) = compare({'first': found, 'other': Identified(elsewhere)}).attrs['notes']
+    assert 'first and other were estimated from the same motion' in note
 
 
 def choices_of(hint):

@@ -66,8 +66,8 @@ class BagWindow:
         Raises:
             BagError: the text is malformed, or the window empty or reversed.
         """
-        # The name of a bag may contain an @.
-        if '@' not in text or os.path.exists(text):
+        # The name of a bag, and of a folder above it, may contain an @.
+        if '@' not in os.path.basename(text) or os.path.exists(text):
             return cls(Path(text))
         path, _, window = text.rpartition('@')
         try:

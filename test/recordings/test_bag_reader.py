@@ -5,6 +5,7 @@ import hashlib
 import shutil
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -37,6 +38,11 @@ from .damage import flip
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
     return write(tmp_path_factory.mktemp('of the rig@5') / 'bag', samples())
+
+
+def test_the_name_of_a_folder_above_a_missing_bag_may_contain_an_at_sign():
+    assert BagWindow.parse('me@home/run') == BagWindow(Path('me@home/run'))
+    assert BagWindow.parse('me@home/run@1:2') == BagWindow(Path('me@home/run'), 1, 2)
 
 
 @pytest.mark.parametrize(
