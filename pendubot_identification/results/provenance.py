@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from pendubot_identification.errors import BagError, MissingFileError
 from pendubot_identification.identification import DELAYS, SPREAD
@@ -90,29 +91,41 @@ def command(result: Result) -> str:
     validation = [each.bag for each in result.bags if each.bag not in training]
     words = ['pendubot identify', *map(shlex.quote, training)]
     words += ['--validate', *map(shlex.quote, validation)] if validation else []
-    defaults, spreads = Settings(), [answer.mde.spread for answer in result.criteria.values() if answer.mde]
+    defaults, expert = Settings(), {} if made.smoothing is None else {'smoothing': made.smoothing}
+    spread: float | None = SPREAD
+    for criterion, answer in result.criteria.items():
+        if (search := answer.mde) is not None:
+            spread = search.spread
+            default, runs = defaults.search(criterion, result.model)
+            usual = {'runs': runs, 'population': default.population, 'generations': default.generations}
+            expert |= {name: getattr(search, name) for name in usual if getattr(search, name) != usual[name]}
+            expert |= {'per_vector': True} if default.per_component and not search.per_component else {}
     options = {name: (getattr(made, name), getattr(defaults, name)) for name in ('model', 'optimizer', 'hold', 'seed')}
     options |= {
         'criterion': (','.join(made.criteria), ','.join(defaults.criteria)),
-        'delay': ('{:g}:{:g}'.format(*made.delays), '{:g}:{:g}'.format(*DELAYS)),
+        'delay': ('{:.12g}:{:.12g}'.format(*made.delays), '{:g}:{:g}'.format(*DELAYS)),
         'sliding': (made.sliding_window, None),
         **{name: (getattr(made, name), None) for name in ('link_length', 'link_mass')},
-        'spread': (next((f'{each:g}' for each in spreads if each is not None), None), f'{SPREAD:g}'),
+        'spread': (f'{spread or 0:.12g}', f'{SPREAD:g}'),
         'start': ('START.yaml' if made.start else None, None),
     }
     words += [f'{flag(n)}={shlex.quote(str(v))}' for n, (v, default) in options.items() if v not in (None, default)]
     words += [f'--bounds {bound}' for bound in _given_bounds(result)]
     words += Conversion.of(result.reading).options()
-    expert = [] if made.smoothing is None else [f'smoothing: {made.smoothing}']
-    return ' '.join([*words, *(f' # with --settings, a file with {line}' for line in expert)])
+    if expert:
+        words.append(f' # with --settings, a file with {yaml.safe_dump(expert, default_flow_style=True).strip()}')
+    return ' '.join(words)
 
 
 def _given_bounds(result: Result) -> list[str]:
     """Return the bounds that differ from the default search box, which grows by powers of ten with the rig."""
+    made = result.made_by
+    box = list(zip(SPECIFICATIONS, made.lower_bounds, made.upper_bounds, strict=False))
+    ratios = [high / each.upper for each, _, high in box if each.name not in UNDER_LOAD]
+    factor = min((ratio for ratio in ratios if ratio >= 1 and math.log10(ratio).is_integer()), default=1.0)
     given = []
-    for each, low, high in zip(SPECIFICATIONS, result.made_by.lower_bounds, result.made_by.upper_bounds, strict=False):
-        grown = high > 0 and abs(math.log10(high / each.upper) - round(math.log10(high / each.upper))) < 1e-9
-        absent = each.name in UNDER_LOAD and high == 0
-        if low != each.lower or not (grown or absent):
-            given.append(f'{each.name}={low:g}' if low == high else f'{each.name}={low:g}:{high:g}')
+    for each, low, high in box:
+        usual = (0.0, each.upper) if each.name in UNDER_LOAD else (factor * each.upper,)
+        if low != each.lower or high not in usual:
+            given.append(f'{each.name}={low:.12g}' if low == high else f'{each.name}={low:.12g}:{high:.12g}')
     return given

@@ -125,17 +125,23 @@ def test_the_page_depends_on_no_other_file(complete):
         '--criterion energy,weak --model coulomb --optimizer lsq --seed 3 --delay=-0.01:0.02 --bounds b2=0 --sliding 2',
         '--validate swing@4:6 --criterion weak --hold zero --link-length 0.03 --link-mass 0.03 --bounds P1=0:0.5',
         '--criterion weak --model viscous --negate tau1,tau2 --apply-remedies',
+        '--criterion energy --model viscous --spread 0 --settings fast.yaml',
+        '--criterion energy --model viscous --bounds P1=0:0.1 --bounds P5=0.0033261234567',
     ],
 )
 def test_the_command_on_the_page_reproduces_the_result(options, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', '--output', 'swing', '--samples', '800']) == 0
+    (tmp_path / 'fast.yaml').write_text('{generations: 90, per_vector: true, population: 20, runs: 3}\n')
     main(['identify', 'swing@0:4', *options.split(), '--output', 'first.yaml'])
     first = read_complete_result(tmp_path / 'first.yaml')
     command = provenance.command(first)
     page = result_page(first, [])
     assert f'data-copy="{html.escape(command)}"' in page
-    main([*shlex.split(command)[1:], '--output', 'again.yaml'])
+    command, _, file = command.partition('  # with --settings, a file with ')
+    assert file == ((tmp_path / 'fast.yaml').read_text().strip() if 'fast.yaml' in options else '')
+    again = ['--settings', 'fast.yaml'] if file else []
+    main([*shlex.split(command)[1:], *again, '--output', 'again.yaml'])
     again = read_complete_result(tmp_path / 'again.yaml')
     assert again.parameters == first.parameters
     assert again.criteria == first.criteria
