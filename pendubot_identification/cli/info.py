@@ -10,6 +10,7 @@ from typing import Any
 
 from pendubot_identification.errors import wrong_usage
 from pendubot_identification.recordings.bag_reader import BagReader
+from pendubot_identification.recordings.joint_states import JOINT_STATE
 from pendubot_identification.recordings.survey import as_text, survey_bag, survey_table
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.recordings.tables import is_table
@@ -29,9 +30,9 @@ def run_info(args: argparse.Namespace) -> int:
     topics = survey_bag(bag)
     summary = {
         'bag': str(bag.path),
-        'files': [str(file.path) for file in bag.files],
+        'files': [str(bag.path)] if bag.converted else [str(file.path) for file in bag.files],
         'closed': bag.closed,
-        'note': bag.note,
+        'note': f'only its messages of type {JOINT_STATE} are read' if bag.converted else bag.note,
         'damaged': [{'file': file.path.name} | asdict(damage) for file in bag.files for damage in file.damages],
         'start_ns': bag.first_ns if bag.count else None,
         'duration': bag.duration,

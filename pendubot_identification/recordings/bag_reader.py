@@ -118,6 +118,7 @@ class BagReader:
         unread: error by path of each unreadable file.
         topics: message type and number of messages by topic.
         first_ns, last_ns: earliest and latest log time [ns since the epoch], 0 in an empty bag.
+        converted: whether it is a bag of ROS 1 or with storage sqlite3, whose JointStates alone are read.
         closed: whether all files were closed and can be read.
         note: sentences about the intact messages if ``closed`` is false, else empty.
 
@@ -127,7 +128,9 @@ class BagReader:
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
-        if converted := _converted(self.path):
+        converted = _converted(self.path)
+        self.converted = converted is not None
+        if converted:
             weakref.finalize(self, converted.cleanup)
         self.files, self.unread = _opened(Path(converted.name, 'bag') if converted else self.path)
         topics: dict[str, tuple[str, int]] = {}

@@ -51,6 +51,11 @@ def repair(path: Path, output: Path, *, overwrite: bool = False) -> list[SavedFi
     if source == target or source in target.parents or target in source.parents:
         raise BagError(f'{output} is the bag itself, inside it or contains it; give another --output')
     bag = BagReader(path)
+    if bag.converted:
+        raise BagError(
+            f'{path} is of ROS 1 or has the storage sqlite3; only .mcap files can be repaired: use rosbag or ros2 bag '
+            'reindex'
+        )
     if not any(file.channels for file in bag.files):
         raise BagError(f'{path} holds no intact message; copy it again from the recorder')
     with complete_bag(output, overwrite=overwrite) as copy:

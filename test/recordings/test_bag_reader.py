@@ -17,6 +17,7 @@ from mcap.writer import CompressionType
 from rosbags.convert import convert
 from rosbags.typesys import Stores, get_typestore
 
+from pendubot_identification.cli.main import main
 from pendubot_identification.errors import BagError, TrajectoryError
 from pendubot_identification.recordings import mcap_file
 from pendubot_identification.recordings.bag_reader import (
@@ -245,8 +246,8 @@ def test_invalid_samples_are_refused_in_one_sentence(tmp_path, changed, error, s
 @pytest.mark.parametrize(
     ('name', 'version', 'store'), [('run.bag', 3, Stores.ROS1_NOETIC), ('run', 8, Stores.ROS2_JAZZY)]
 )
-def test_a_converted_bag_gives_the_same_motion(tmp_path, name, version, store):
-    """Also without the metadata.yaml that a recorder writes when it closes a bag."""
+def test_a_converted_bag_gives_the_same_motion(tmp_path, capsys, name, version, store):
+    """Also without the metadata.yaml that a recorder writes when it closes a bag. A repair would lose other topics."""
     stores = get_typestore(Stores.ROS2_JAZZY), get_typestore(store)
     convert([SAMPLE], tmp_path / name, 'sqlite3', version, None, 'none', *stores, [], [], [], [])
     expected = read_trajectory(SAMPLE).trajectory
@@ -255,6 +256,10 @@ def test_a_converted_bag_gives_the_same_motion(tmp_path, name, version, store):
         for field in ('t', 'q', 'tau'):
             np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
         (tmp_path / 'run' / 'metadata.yaml').unlink(missing_ok=True)
+    assert main(['info', str(tmp_path / name)]) == 0
+    assert 'only its messages of type sensor_msgs/msg/JointState are read' in capsys.readouterr().out
+    assert main(['repair', str(tmp_path / name)]) == 1
+    assert 'only .mcap files can be repaired: use rosbag' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('conversion', [Conversion(unwrap=True), Conversion(unwrap=True, degrees=True)])
