@@ -344,7 +344,8 @@ def _opened(path: Path) -> tuple[list[McapFile], dict[Path, str]]:
     # Compression of a file may have been interrupted: prefer the original.
     found = {name.removesuffix('.zstd') for name in names if name.endswith(('.mcap', '.mcap.zstd'))}
     if not found:
-        raise BagError(f'{path} is no bag: it holds no .mcap, .db3 or .bag file; name the folder that holds one')
+        expected = 'name the folder that holds one, or a .bag file'
+        raise BagError(f'{path} is no bag: it holds no .mcap or .db3 file; {expected}')
     files, unread = list[McapFile](), dict[Path, str]()
     # NAME_2.mcap comes before NAME_10.mcap.
     for name in sorted(found, key=lambda name: (len(name), name)):

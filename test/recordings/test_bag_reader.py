@@ -186,7 +186,7 @@ NO_BAG = 'is no bag with messages of type sensor_msgs/msg/JointState that can be
 @pytest.mark.parametrize(
     ('name', 'content', 'sentence'),
     [
-        ('', b'', r'holds no \.mcap, \.db3 or \.bag file'),
+        ('', b'', r'holds no \.mcap or \.db3 file; name the folder that holds one, or a \.bag file'),
         ('bag.mcap', b'', 'is empty'),
         ('bag.mcap', b't,q1,q2\n1,2,3', 'is no MCAP file'),
         ('bag.db3', b'hello', NO_BAG),
