@@ -297,7 +297,7 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
     lasts = min(window.end or math.inf, duration) - start
     raise LongRecordingError(
         f'{window} is too long: it lasts {lasts:.0f} s, and at most {longest:g} s are read at once',
-        str(window),
+        str(window.path),
         str(BagWindow(window.path, window.start, start + SETTINGS.first_window)),
     )
 

@@ -9,6 +9,7 @@ matplotlib takes half a second to import: only modules that draw import this one
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -289,7 +290,7 @@ class Prepared:
 
 def _recording(motion: Trajectory) -> str:
     """Return the recording of a part with the name ``BAG@START:END``."""
-    return motion.name.rpartition('@')[0] or motion.name
+    return re.sub('@[^@/]*$', '', motion.name)
 
 
 def _one_after_the_other(motions: Sequence[Trajectory]) -> tuple[list[Trajectory], list[Span]]:

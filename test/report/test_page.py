@@ -101,7 +101,7 @@ def test_captions_describe_the_drawn_data_and_names_of_the_user_are_escaped():
     result = plain(('weak',))
     result['bags'][0]['bag'] = '<script>alert(1)</script>'
     result['zeros'] = [{'recording': '<script>', 'q1': 0, 'q1_std_error': 0, 'q2': 0, 'q2_std_error': 0}]
-    drawn = pictures(made(('weak',)), [motion(name='</script><iframe>'), motion(name='b')])
+    drawn = pictures(made(('weak',)), [motion(name='me@home/</script><iframe>'), motion(name='me@home/b')])
     page = result_page(typed(result), [drawn['recordings'], drawn['simulation']], notes=['<script>'])
     assert page.count('<script') == 2, "the page's scripts"
     assert 'iframe' not in Page(page).tags
