@@ -14,7 +14,7 @@ from pendubot_identification.identification.fitting import SETTINGS as FITTING
 from pendubot_identification.trajectories.conventions import OF_FILES
 from pendubot_identification.trajectories.conversion import Conversion, options
 from pendubot_identification.trajectories.signals import resample
-from pendubot_identification.trajectories.trajectory import MINIMUM_SAMPLES, Source, Trajectory
+from pendubot_identification.trajectories.trajectory import Source, Trajectory
 
 from .bag_reader import BagWindow, RecordedTrajectory, open_recording, read_trajectory
 from .tables import is_table
@@ -104,8 +104,7 @@ def _validation_part(window: BagWindow, read: Callable[[BagWindow], RecordedTraj
         resample(recorded.trajectory)
     except TrajectoryError:
         return None
-    motion = recorded.trajectory
-    return recorded if len(motion) >= MINIMUM_SAMPLES and motion.duration >= FITTING.shortest else None
+    return recorded if recorded.trajectory.duration >= FITTING.shortest else None
 
 
 def span(recording: Trajectory) -> tuple[float, float]:
