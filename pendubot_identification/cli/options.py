@@ -17,14 +17,14 @@ from pendubot_identification.trajectories.conversion import Conversion
 
 
 def given_options(args: argparse.Namespace, options: Iterable[Setting]) -> dict[str, Any]:
-    """Return the values of options by name, from the command line or else the file of ``--settings``.
+    """Return the values of options by name, from the command line or else the file of ``--settings``; none if empty.
 
     Raises:
         ParameterError: the file cannot be read, or contains unknown options.
     """
     values = {} if args.settings is None else _read_settings(args.settings)
     values |= {name: value for name, value in vars(args).items() if value is not None}
-    return {option.name: values[option.name] for option in options if option.name in values}
+    return {option.name: values[option.name] for option in options if values.get(option.name) is not None}
 
 
 def conversion_of(args: argparse.Namespace) -> Conversion:

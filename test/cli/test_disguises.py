@@ -186,6 +186,12 @@ def test_a_result_serves_as_settings_file_for_its_recordings(lab, run):
     assert json.loads(kept[1])['reading']['zero'] == 'hanging'
 
 
+def test_an_empty_option_in_a_settings_file_has_its_default(lab, run, tmp_path):
+    (tmp_path / 'empty.yaml').write_text('degrees: true\nsheet:\noffset:\n')
+    found = json.loads(run('info', 'run.csv', *LABS[:2], '--settings', 'empty.yaml', '--json')[1])
+    assert found['read_with'] == ['--columns t=time,q1=a,q2=b,tau1=u', '--degrees']
+
+
 def test_info_shows_columns_rate_and_conversion_of_a_file(lab, run):
     found = json.loads(run('info', 'run.csv', *LABS[:2], '--json')[1])
     assert found['columns'] == {'t': 'time', 'q1': 'a', 'q2': 'b', 'tau1': 'u'}
