@@ -41,7 +41,7 @@ from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajector
 from .recordings.datasets import Datasets, divided, load_datasets, windows_of
 from .recordings.survey import Inspection, inspect_recording
 from .recordings.table_reader import TableReader, elapsed
-from .recordings.tables import Table
+from .recordings.tables import of_frame
 from .results import comparison
 from .results.checks import Finding, check_recordings
 from .results.provenance import IN_MEMORY, command
@@ -286,10 +286,7 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
     elif not (hasattr(recording, 'iloc') and hasattr(recording, 'columns')):
         raise ParameterError(f'{type(recording).__name__} was given; {KINDS}')
     else:
-        named = recording.reset_index() if recording.index.name else recording
-        cells = [named.iloc[:, k] for k in range(named.shape[1])]
-        table = Table([str(name) for name in named.columns], cells)
-        reader = TableReader(Path('DataFrame'), conversion, table)
+        reader = TableReader(Path('DataFrame'), conversion, of_frame(recording))
         motion, note, taken_as = reader.motion, reader.note, reader.taken_as
     content = b''.join(np.ascontiguousarray(each).tobytes() for each in (motion.t, motion.q, motion.tau))
     # An @ would begin the window of a file.

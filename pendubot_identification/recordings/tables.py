@@ -217,8 +217,13 @@ def _numpy(path: Path, _: Conversion) -> Table:
 def _parquet(path: Path, _: Conversion) -> Table:
     import pandas
 
-    frame = pandas.read_parquet(path, engine='pyarrow')
-    return Table(list(frame.columns), [frame.iloc[:, k] for k in range(frame.shape[1])])
+    return of_frame(pandas.read_parquet(path, engine='pyarrow'))
+
+
+def of_frame(frame: Any) -> Table:
+    """Return the columns of a pandas DataFrame; an index with a name is a column, too."""
+    named = frame if frame.index.name in (None, *frame.columns) else frame.reset_index()
+    return Table([str(name) for name in named.columns], [named.iloc[:, k] for k in range(named.shape[1])])
 
 
 def _matlab(path: Path, _: Conversion) -> Table:

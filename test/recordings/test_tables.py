@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.io
 
+from pendubot_identification import api
 from pendubot_identification.errors import PendubotError, TableError
 from pendubot_identification.recordings.table_reader import TableReader
 from pendubot_identification.trajectories.conversion import Conversion
@@ -219,6 +220,15 @@ def test_an_unusable_file_of_another_program_is_refused_in_one_sentence(tmp_path
     write(tmp_path / name)
     with pytest.raises(TableError, match=sentence):
         read(tmp_path / name)
+
+
+def test_the_index_of_a_frame_is_a_column(tmp_path):
+    pandas, _ = pytest.importorskip('pandas'), pytest.importorskip('pyarrow')
+    frame = pandas.DataFrame({'t': np.arange(9) / 100, 'q1': 1.0, 'q2': 2.0, 'tau1': 3.0})
+    for k, each in enumerate((frame, frame.set_index('t'), frame.set_index('t', drop=False))):
+        each.to_parquet(tmp_path / f'{k}.parquet')
+        np.testing.assert_array_equal(read(tmp_path / f'{k}.parquet').t, frame['t'])
+        np.testing.assert_array_equal(api.read(each).t, frame['t'])
 
 
 def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_path, monkeypatch):
