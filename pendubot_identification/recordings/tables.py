@@ -259,7 +259,7 @@ def _leaves(variables: Mapping[str, Any], *path: str) -> Iterator[tuple[tuple[st
     for name, value in variables.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, *path, name)
-        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiu':
+        elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiumM':  # also dates
             if value.ndim == 1:
                 yield (*path, name), value
             if value.ndim == 2:

@@ -231,6 +231,12 @@ def test_the_index_of_a_frame_is_a_column(tmp_path):
         np.testing.assert_array_equal(api.read(each).t, frame['t'])
 
 
+def test_dates_of_numpy_are_times(tmp_path):
+    t = np.datetime64('2026-11-27T12:00', 'ns') + np.arange(9) * np.timedelta64(10, 'ms')
+    np.savez(tmp_path / 'x.npz', t=t, q=np.ones((9, 2)), tau1=np.ones(9))
+    np.testing.assert_allclose(read(tmp_path / 'x.npz').t, np.arange(9) / 100)
+
+
 def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_path, monkeypatch):
     (tmp_path / 'x.xlsx').write_bytes(b'')
     monkeypatch.setitem(sys.modules, 'pandas', None)
