@@ -145,8 +145,9 @@ class Quadratic:
         """Return the minimiser among ``directions @ x``, lower <= x <= upper (bounded-variable least squares)."""
         phi = self.phi @ directions
         scale = _column_scale(phi)
-        above = np.maximum(upper, lower + 1e-12 * np.abs(lower) + 1e-300)  # equal, or reversed by a rounding error
-        x = lsq_linear(phi / scale, self.y, (lower * scale, above * scale), 'bvls', tol=1e-15).x
+        low = lower * scale
+        high = np.maximum(upper * scale, low + 1e-12 * np.abs(low) + 1e-300)  # equal, or reversed by a rounding error
+        x = lsq_linear(phi / scale, self.y, (low, high), 'bvls', tol=1e-15).x
         return np.asarray(directions @ np.clip(x / scale, lower, upper))
 
     def free_minimum(self) -> Array:

@@ -272,10 +272,11 @@ def influence_covariance(
         covariance = covariance * scale * scale[:, None]
         words += ', and the difference to the estimate of the shortest interval' if difference.any() else ''
     std_error = np.where(lost, np.inf, std_error)
+    others = free & ~lost
+    ratio = np.median(std_error[others] / curvature[others]) if others.any() else 1.0
     for k in np.flatnonzero(~free & (np.diag(information) > 0)):
         released = free.copy()
         released[k] = True
-        ratio = np.median((std_error / np.maximum(curvature, 1e-300))[free & ~lost]) if (free & ~lost).any() else 1.0
         std_error[k] = ratio * math.sqrt(_inverted(information, released)[0][k, k])
     covariance = covariance.copy()
     covariance[lost, lost] = np.inf

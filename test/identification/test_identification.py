@@ -278,6 +278,17 @@ def test_a_parameter_on_its_bound_is_reported_and_keeps_its_standard_error():
     assert result.level > Level.OK
 
 
+def test_friction_at_a_standstill_may_be_fixed_for_a_joint_that_always_turns():
+    """Its column is 1e-80 of the others."""
+    rig, t = Parameters(P1=0.02, P2=0.005, P3=0.004, P4=0.02, P5=0.01, b1=0.005, b2=0.0005), np.arange(500) * 0.01
+    motion = simulate(rig, t, np.outer(0.05 + 0.03 * np.sign(np.sin(7 * t)), [1, 0]), qd=(9.0, 2.0))
+    assert motion.qd[:, 0].min() > 6
+    bounds = default_bounds().replaced('Fs1', 0, 0).replaced('k1', 0, 0)
+    best = identify([quantised(motion, 4000)], [], replace(WEAK, model='geared', bounds=bounds)).best
+    np.testing.assert_allclose(best.theta[:5], rig.vector()[:5], rtol=0.1)
+    assert best.theta[10] == 0
+
+
 MOTION = recording(300)
 AT_REST = np.tile(HANGING, (300, 1))
 
