@@ -145,13 +145,13 @@ def estimate_delay(
     for k in np.argsort(without):
         if without[k] <= within.min():
             within[k] = unexplained(*criteria[k])
-    best, none = delays[np.argmin(within)], np.argmin(np.abs(delays))
+    best, none = delays[np.argmin(within)], min(max(0.0, lowest), highest)
     around = max(lowest, best - DELAY_STEP), min(highest, best + DELAY_STEP)
     found = minimize_scalar(
         lambda delay: unexplained(*criterion_at(delay)), bounds=around, method='bounded', options={'xatol': 1e-5}
     ).x
-    reduced = unexplained(*criterion_at(found)) < REDUCED * unexplained(*criteria[none])
-    return found if reduced else float(delays[none])
+    reduced = unexplained(*criterion_at(found)) < REDUCED * unexplained(*criterion_at(none))
+    return found if reduced else none
 
 
 @dataclass(frozen=True, slots=True)

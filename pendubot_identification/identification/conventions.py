@@ -186,12 +186,15 @@ def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault,
     Each has the options that correct it and the faults before it. Little motion or large friction may hide a zero or a
     delay. Of two simultaneous faults the first may be confused with another one whose correction fits nearly as well.
     """
-    low, high = settings.delays
-    long = tuple(m for m in motions if m.end - m.start > WIDTH + DELAYS[1] - DELAYS[0])
-    recordings = _Recordings(long, low if low == high else 0.0)
+    (low, high), delay = settings.delays, settings.least_delay
+    shortest = WIDTH + max(DELAYS[1], high) - min(DELAYS[0], low)
+    long = tuple(m for m in motions if m.end - m.start > shortest)
     # A constant effort has the effect of gravity in another direction.
-    if not any(np.ptp(m.recorded.tau, axis=0).any() for m in recordings.motions):
+    if not any(np.ptp(m.recorded.tau, axis=0).any() for m in long):
         return ()
+    if delay and low < high:  # the user expects a delay
+        delay = estimate_delay(long, MODEL, BOUNDS, low, high, weights=(1, SETTINGS.elbow, 0))
+    recordings = _Recordings(long, delay)
     faults, corrected = list[Fault](), recordings
     while len(faults) < 2 and (fault := _best_correction(corrected)) is not None:
         faults.append(fault)
@@ -417,8 +420,8 @@ def _delay(recordings: _Recordings) -> Iterator[Fault]:
     delay = estimate_delay(recordings.motions, MODEL, BOUNDS, *DELAYS, weights=(1, SETTINGS.elbow, 0))
     # The difference between held and measured efforts is half an interval, and the hold is uncertain.
     least = SETTINGS.delay + max(motion.interval for motion in recordings.motions) / 2
-    late = round(1000 * (recordings.delay - delay))
-    shift = f'is stamped {late} ms later than it acts' if late > 0 else f'acts {-late} ms later than it is stamped'
+    late = round(1000 * delay)
+    shift = f'is stamped {-late} ms later than it acts' if late < 0 else f'acts {late} ms later than it is stamped'
     remedy = f'each effort must bear the time from which it acts: identify with a delay of {delay:.3f} s'
     level = Level.WARN if abs(delay - recordings.delay) >= least else Level.OK
     corrected = recordings.after(delay=delay).unexplained

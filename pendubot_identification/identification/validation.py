@@ -440,7 +440,7 @@ def _reservations(e: Estimate, settings: Settings) -> Iterator[str]:
 def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
     (low, high), delay = settings.delays, e.effort.delay
     # A delay of 0 is plausible, also at the end of the search interval.
-    at_end = delay >= high - 1e-4 or (low != 0 and delay <= low + 1e-4)
+    at_end = abs(delay) > 1e-4 and not low + 1e-4 < delay < high - 1e-4
     if low < high and at_end and e.criterion != 'energy':
         yield (
             f'the delay of the effort lies at {delay:.4f} s, the end of its search interval; are the '

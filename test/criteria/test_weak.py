@@ -3,13 +3,15 @@
 
 """The weak criterion on simulated motions and real rigs, and compared with integrated inverse dynamics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendubot_identification.criteria.quadratic import Quadratic
-from pendubot_identification.criteria.weak import WIDTH, residual_weights, weak_regression
+from pendubot_identification.criteria.weak import WIDTH, estimate_delay, residual_weights, weak_regression
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import default_bounds
@@ -71,6 +73,12 @@ def test_weighted_residuals_have_equal_RMS():
     sizes = np.sqrt(((parts.y - parts.phi @ theta).reshape(-1, 3) ** 2).mean(axis=0))
     assert weights[0] == 1
     np.testing.assert_allclose(sizes, sizes[0], rtol=0.05)
+
+
+def test_a_delay_that_the_effort_does_not_determine_is_zero():
+    motion = recording()
+    steady = Motion.prepare(replace(motion, tau=np.full_like(motion.tau, 0.5)), 0.02)
+    assert estimate_delay([steady], 'viscous', default_bounds(), -0.013, 0.02) == 0
 
 
 def test_a_motion_that_is_too_short_or_in_degrees_is_refused():

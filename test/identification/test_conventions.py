@@ -139,6 +139,17 @@ def test_two_faults_are_diagnosed_one_after_the_other():
     assert [first.name, second.found] == ['zero', "the elbow's position has the wrong sign"]
 
 
+@pytest.mark.parametrize('delays', [(0.03, 0.03), (0.02, 0.05)])
+def test_a_delay_that_the_settings_exclude_is_diagnosed(delays):
+    (fault,) = diagnosed(recording(), delays=delays)
+    assert fault.found == 'the effort acts 0 ms later than it is stamped'
+    assert abs(fault.delay) < 1e-3
+
+
+def test_an_expected_delay_is_no_fault():
+    assert diagnosed(recording(delay=0.3), delays=(0.25, 0.35)) == ()
+
+
 def test_a_motion_that_hardly_fits_a_pendubot_is_a_warning():
     """The elbow's encoder has half as many counts again as given."""
     (r,) = record([13], [Rig()], seconds=6.0, step=0.0025)

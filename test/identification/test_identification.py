@@ -158,6 +158,8 @@ def test_a_delay_gives_a_warning_unless_it_is_declared():
     # A search interval without the delay makes the parameters useless.
     assert any('the end of its search interval' in text for text in beyond.best.consequences)
     assert (found.level, beyond.level) == (Level.WARN, Level.ERROR)
+    # A delay of 0 is plausible, also at the end of the interval.
+    assert identify([recording(400)], [], replace(WEAK, delays=(-0.05, 0.0))).level is Level.OK
 
 
 @pytest.mark.parametrize(
