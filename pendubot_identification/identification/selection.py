@@ -268,9 +268,8 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     if best.data.hold == 'linear' and data.settings.hold == 'auto':
         steps.append(f'torque measured at its samples, not held: J = {best.rough.evaluation.cost:.6g}')
     every = best.all_intervals
-    steps.append(
-        f'innovations at 0.05, 0.1 and 0.2 s: {every.iterations} scoring steps, J = {every.evaluation.cost:.6g}'
-    )
+    intervals = ', '.join(f'{each:g}' for each in every.likelihood.filter_data.settings.intervals)
+    steps.append(f'innovations at {intervals} s: {every.iterations} scoring steps, J = {every.evaluation.cost:.6g}')
     if best.exact is not None:
         steps.append(f'all samples: {best.exact.iterations} scoring steps; residual at the quantization level')
     answer = Composite.after(best, found, steps)

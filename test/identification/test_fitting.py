@@ -6,7 +6,9 @@
 from dataclasses import astuple, replace
 
 import numpy as np
+import pytest
 
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identification import fitting
 from pendubot_identification.identification.fitting import TrainingData
 from pendubot_identification.identification.pipeline import identify
@@ -93,7 +95,12 @@ def test_an_interval_at_which_the_filter_diverges_is_skipped(monkeypatch):
         return real(likelihood, *args, **how)
 
     monkeypatch.setattr(fitting, 'fit', fails)
-    assert fitted(noisy())[0].filter_data.settings.intervals == (0.05, 0.1)
+    answer, steps = fitted(noisy())
+    assert answer.filter_data.settings.intervals == (0.05, 0.1)
+    assert 'innovations at 0.05, 0.1 s: ' in steps
+    longest.append(0.0)
+    with pytest.raises(TrajectoryError, match='no filter follows this motion'):
+        fitted(noisy())
 
 
 def test_a_filter_that_diverges_outside_the_middle_of_the_recordings_restarts(monkeypatch):
