@@ -47,6 +47,8 @@ def run_excite(args: argparse.Namespace) -> int:
         train, duration = read_exciter(args.check)
         experiment = replace(experiment, duration=duration or args.duration)
         (prediction,) = predict(parameters, [train], experiment)
+        if not math.isfinite(prediction.speed.max()):
+            raise ParameterError(f'{args.check}: the simulation diverges; use smaller torques or shorter pulses')
     torque = max(abs(prediction.train.amplitude_min), abs(prediction.train.amplitude_max))
     largest = args.torque if args.design else torque
     (paper,) = predict(parameters, [PulseTrain(amplitude_min=-largest, amplitude_max=largest)], experiment)
@@ -72,7 +74,7 @@ def _require_within_limits(args: argparse.Namespace, reached: Sequence[float]) -
     exceeded = [
         f'{name} up to {value:.4g} {unit}, limit {limit:g} {unit}'
         for (name, (limit, unit)), value in zip(limits.items(), reached, strict=True)
-        if limit is not None and not value <= limit  # NaN, of a simulation that diverged, exceeds any limit
+        if limit is not None and value > limit
     ]
     if exceeded:
         raise ParameterError(

@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from pendubot_identification.arrays import Array
-from pendubot_identification.excitation.design import Experiment
+from pendubot_identification.excitation.design import IDENTIFIABLE, Experiment
 from pendubot_identification.excitation.design import Predicted as Excited
 from pendubot_identification.identification.validation import SETTINGS as VALIDATION
 from pendubot_identification.level import NORMAL_95, Level
@@ -380,16 +380,19 @@ def excitation_table(parameters: Parameters, std_error: Array | None, paper: Exc
     columns = {"paper's pulses": paper.std_error / scale, 'these': found.std_error / scale}
     if std_error is not None:
         columns = {'now': std_error / scale, **columns}
+
+    def row(name: str, errors: Sequence[float], unit: str = '') -> list[str]:
+        ratio = errors[-2] / (errors[-1] or math.nan)
+        return [name, *(f'{number(error, ".2g")}{unit}' for error in errors), number(ratio, '.1f')]
+
     rows = []
     for k, name in enumerate(NAMES[: len(theta)]):
         if zero[k] and not np.isfinite(found.std_error[k]):
             continue
         unit = '' if not zero[k] else ' N m/N m' if UNITS[k] == '1' else f' {UNITS[k]}'
-        ratio = number(paper.std_error[k] / (found.std_error[k] or np.nan), '.1f')
-        rows.append([name, *(f'{number(errors[k], ".2g")}{unit}' for errors in columns.values()), ratio])
-    worst = [float(np.max(errors[np.isfinite(errors) & ~zero], initial=0.0)) for errors in columns.values()]
-    ratio = number(worst[-2] / (worst[-1] or np.nan), '.1f')
-    rows.append(['the worst', *(number(value, '.2g') for value in worst), ratio])
+        rows.append(row(name, [float(errors[k]) for errors in columns.values()], unit))
+    compared = np.flatnonzero(~zero[:IDENTIFIABLE])
+    rows.append(row('the worst', [float(errors[compared].max()) for errors in columns.values()]))
     notes = [
         'standard errors from this motion alone, in simulations of 2 s, due to encoder quantization;',
         'errors of the model make them larger; compare the ratio',

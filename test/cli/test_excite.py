@@ -59,3 +59,14 @@ def test_check_names_exactly_the_exceeded_limits(tmp_path, run):
         ('angle of the shoulder', '0.125'),
     ]
     assert 'torque up' not in err
+
+
+def test_pulses_beyond_any_simulation_are_refused_and_are_not_a_best_case(tmp_path, run):
+    config, file = (ROOT / 'config' / 'exciter.yaml').read_text(), tmp_path / 'strong.yaml'
+    file.write_text(config.replace('amplitude_max: 1.0', 'amplitude_max: 900.0'))
+    status, out, err = run('excite', '--check', file)
+    assert (status, out) == (1, '')
+    assert 'the simulation diverges; use smaller torques' in err
+    # The paper's pulses diverge, the design does not.
+    _, out, _ = run('excite', '--design', '--torque', '900', '--speed', '100', '--duration', '2')
+    assert re.search(r'^the worst +- +[\d.e-]+ +-$', out, re.MULTILINE)
