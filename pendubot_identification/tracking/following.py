@@ -61,7 +61,7 @@ class Following:
     drifts: bool = False  #: whether the gain drifts in ``estimate``.
     page: float = 0.0  #: likelihood ratio of the rival since the onset.
     onset: float = 0.0  #: last time at which the rival was not more likely [s].
-    time: float = math.nan  #: of the estimate [s].
+    time: float = math.inf  #: of the estimate [s]; infinite before the first block.
     recent: tuple[Prediction, ...] = ()  #: the newest predictions.
     moved: Block | None = None  #: the newest block that moved.
     events: tuple[Event, ...] = ()  #: events of the newest block.
@@ -93,6 +93,10 @@ class Following:
         inside = [k for k, each in enumerate(self.recent, 1) if each.inside]
         return self.recent[max(inside, default=0) :]
 
+    def idle(self, now: float) -> float:
+        """Return the time since the rig moved [s]; 0 before its first motion."""
+        return 0.0 if self.moved is None else now - self.moved.end
+
     def after(self, estimate: Estimate, now: float) -> Following:
         """Return this state with another estimate, from which the rival hypothesis restarts."""
         rate = np.eye(len(self.scale))[:, -1:]
@@ -111,12 +115,9 @@ def step(now: Following, block: Block) -> tuple[Following, State]:
 
 def predict(now: Following, block: Block) -> Following:
     """Return both hypotheses at the time of a block."""
-    elapsed = block.begin - now.time
-    # It is NaN after a reset of the clock.
-    elapsed = max(elapsed, BLOCK) if elapsed == elapsed else BLOCK
+    elapsed = max(block.begin - now.time, BLOCK)  # also after a reset of the clock
     # A gain that drifts in motion may be constant at rest.
-    idle = now.moved is not None and block.begin - now.moved.end >= now.settings.idle
-    drifting = 0.0 if idle else elapsed
+    drifting = 0.0 if now.idle(block.begin) >= now.settings.idle else elapsed
     return replace(
         now,
         events=(),
@@ -269,8 +270,7 @@ def _physical(now: Following) -> Array:
 def _warnings(
     now: Following, block: Block, theta: Array, std_error: Array, tilt: float, dead_zone: float
 ) -> Iterator[str]:
-    idle = math.inf if now.moved is None else block.end - now.moved.end
-    if idle > now.settings.idle:
+    if (idle := now.idle(block.end)) > now.settings.idle:
         yield f'nothing has moved for {idle:.0f} s: the parameters are of that time, and their uncertainty grows'
     poor = std_error[:5] > POOR * np.abs(theta[:5])
     if poor.any():

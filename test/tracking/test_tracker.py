@@ -359,6 +359,15 @@ def test_tracking_begins_with_the_first_valid_motion_and_pauses_between_attempts
     assert np.diff(attempts) == pytest.approx([4.0, 8.0, 16.0], abs=1.0)
 
 
+def test_rest_before_the_first_motion_is_not_idle(rigs):
+    samples = rigs['nothing'][:2400].copy()
+    samples[400:, 1:] = samples[:2000, 1:]
+    samples[:400, 1:] = [*samples[0, 1:3], 0, 0]
+    _, states, _ = track(samples)
+    assert not states[0].moving
+    assert 'nothing has moved' not in ' '.join(states[0].warnings)
+
+
 def test_a_rig_with_unmodelled_effects_is_tracked_with_a_warning():
     names = ('nothing', *DETECTABLE)
     strong = [(CATALOGUE | UNKNOWN)[name][2] for name in DETECTABLE]
