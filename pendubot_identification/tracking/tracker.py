@@ -87,11 +87,7 @@ class Tracker:
         return self._samples.notes
 
     def feed(self, samples: Array) -> Iterator[State | Event]:
-        """Process samples, rows of t [s], q1, q2 [rad], tau1, tau2 [N m]; yield states and events in order.
-
-        Raises:
-            PendubotError: by the validation of the start.
-        """
+        """Process samples, rows of t [s], q1, q2 [rad], tau1, tau2 [N m]; yield states and events in order."""
         for begin in range(0, len(samples), PORTION):
             for _ in self._samples.append(samples[begin : begin + PORTION]):
                 yield from self._follow()
@@ -115,7 +111,8 @@ class Tracker:
     def _begin(self) -> None:
         """Start tracking as soon as the newest motion determines the parameters."""
         s, t = self._settings, self._samples.newest[:, 0]
-        if abs(t[0] - self._attempted) > s.longest_pause:
+        # The last attempt is long ago, or the clock was reset since then.
+        if not t[0] - s.longest_pause <= self._attempted <= t[-1]:
             self._pause, self._attempted = s.pause, -math.inf
         while self._following is None:
             due = max(t[0] + s.first, self._attempted + self._pause)

@@ -359,6 +359,12 @@ def test_tracking_begins_with_the_first_valid_motion_and_pauses_between_attempts
     assert np.diff(attempts) == pytest.approx([4.0, 8.0, 16.0], abs=1.0)
 
 
+def test_a_reset_of_the_clock_ends_the_pause_between_attempts(rigs):
+    lap, levels = rigs['nothing'][:2000], [Level.OK, Level.ERROR]
+    _, states, _ = track(np.concatenate([lap, lap]), Start(validate=lambda motion: (levels.pop(), ())))
+    assert states
+
+
 def test_rest_before_the_first_motion_is_not_idle(rigs):
     samples = rigs['nothing'][:2400].copy()
     samples[400:, 1:] = samples[:2000, 1:]
