@@ -13,7 +13,7 @@ from test.nodes.observer import Observer, values
 from test.processes import Program
 
 pytestmark = pytest.mark.ros
-DAY = Day(payload=0.2, payload_at=20.0)
+DAY = Day(payload=0.2, payload_at=15.0)
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 NEEDED = '8 s of motion without a gap are needed; waiting'
 IN_LAB1 = '--ros-args', '-r', '__ns:=/lab1'
@@ -53,7 +53,7 @@ class Rig(Observer):
 
 @pytest.fixture
 def rig(ros):
-    t, (q,), (tau,) = record([4], [DAY], seconds=40.0)
+    t, (q,), (tau,) = record([4], [DAY], seconds=32.0)
     with Rig(ros, (t, q, tau)) as rig:
         yield rig
 
@@ -65,16 +65,16 @@ def test_current_parameters_are_published_of_one_rig_and_unless_they_are_held(ri
         rig.until(rig.samples.get_subscription_count)
         rig.until(lambda: rig.quality and rig.quality[-1].level == WARN)
         assert not rig.params
-        rig.send(19.0)
+        rig.send(14.0)
         before, after = truth(DAY, [0.0, 30.0])
         rig.until(lambda: rig.shows(before), 60.0)
         assert rig.quality[-1].level == OK, rig.quality[-1].message
         assert rig.params[-1].layout.dim[0].label == 'P1,P2,P3,P4,P5,b1,b2,Fc1,Fc2'
         assert values(rig.quality[-1])['last_change'] == 'none'
-        rig.send(25.0)
+        rig.send(20.0)
         tracker.wait_for('payload on link 2', 60.0)
         rig.until(lambda: rig.shows(after), 60.0)
-        assert 'payload on link 2, at 19.' in values(rig.quality[-1])['last_change']
+        assert 'payload on link 2, at 14.' in values(rig.quality[-1])['last_change']
 
         second = stranger.create_publisher(JointState, '/lab1/joint_states', 10)
         tracker.wait_for(rivals)
@@ -83,7 +83,7 @@ def test_current_parameters_are_published_of_one_rig_and_unless_they_are_held(ri
         # No sample of either publisher is used; without the second one the tracking restarts.
         rig.params.clear()
         taken = values(rig.statuses[-1])['samples']
-        rig.send(26.0)
+        rig.send(21.0)
         rig.statuses.clear()
         rig.until(lambda: len(rig.statuses) > 2)
         assert values(rig.statuses[-1])['samples'] == taken
@@ -92,7 +92,7 @@ def test_current_parameters_are_published_of_one_rig_and_unless_they_are_held(ri
 
         # While held, no parameters are published; after the release they are.
         assert rig.call(SetBool, 'tracker/hold', data=True).success
-        rig.send(40.0)
+        rig.send(32.0)
         rig.until(lambda: rig.statuses[-1].message == 'held; tracked', 60.0)
         assert not rig.params
         assert rig.call(SetBool, 'tracker/hold', data=False).success
