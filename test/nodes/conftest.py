@@ -42,9 +42,9 @@ def stranger(ros):
 
 @pytest.fixture(scope='module')
 def running_rig(ros, tmp_path_factory):
-    """A rig with timeouts too long to disarm during a test."""
+    """A rig that no timeout and no travel disarms during a test."""
     with Rig(tmp_path_factory.mktemp('rig'), 100) as rig:
-        rig.start_board()
+        rig.start_board('--limit', 'max_travel1=0', '--limit', 'max_travel2=0')
         rig.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0', 'command_timeout:=1.0')
         yield rig
 

@@ -91,10 +91,9 @@ def test_the_bridge_waits_for_a_missing_port_and_diagnostics_contain_every_count
     r.until_samples(10)
     counters = 'published', 'lost', 'damaged', 'flagged'
     r.until(lambda: all(int(r.values()[name]) > 0 for name in counters), 30.0)
-    r.until(lambda: r.diagnoses[-1].level == b'\x01')  # on a busy machine a second may be an ERROR
-    values = r.fresh_values()
-    assert 100 < float(values['rate [Hz]']) <= 205
-    assert values['link'] == 'up'
+    # On a busy machine a second may be an ERROR, or have the samples of the second before.
+    r.until(lambda: r.diagnoses[-1].level == b'\x01' and 100 < float(r.values()['rate [Hz]']) <= 205)
+    r.until(lambda: r.values()['link'] == 'up')
 
 
 #: A bridge on a computer that had started a day ago with an unset clock.
