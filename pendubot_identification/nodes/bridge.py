@@ -213,7 +213,9 @@ class Bridge(ManagedNode):
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
         if (self._host.armed or self._arming) and (rivals := name_rivals(self, *self._commands)):
             self._logged_rivals = rivals
-            self._host.motor.stop(rivals, now)
+            self._host.output.emit(ArmingEnded(rivals))
+            self._host.output.report(Level.ERROR, rivals)
+            self._host.motor.stop('a second publisher of effort commands appeared', now)
 
     def _on_effort(self, message: Float64, info: dict[str, Any]) -> None:
         self._step(lambda now: self._effort(message.data, info['source_timestamp'], now))
