@@ -46,10 +46,12 @@ class Trajectory:
                 raise TrajectoryError(f'{self.name}: {label} has shape {values.shape}; ({n}, 2) is expected')
             bad = np.flatnonzero(~(np.abs(values) < LARGEST).all(axis=1))
             if bad.size:
+                found = f'{self.name}: {bad.size} of {n} samples hold a {label} that is not a number below {LARGEST:g}'
+                if bad.size == n:
+                    raise TrajectoryError(f'{found}; record it for both joints, an effort without a motor as 0')
                 raise TrajectoryError(
-                    f'{self.name}: {bad.size} of {n} samples hold a {label} that is not a number below {LARGEST:g}, '
-                    f'the first at {self.t[bad[0]]:.3f} s; choose a window without them, or leave them out: add '
-                    '--skip-missing',
+                    f'{found}, the first at {self.t[bad[0]]:.3f} s; choose a window without them, or leave them out: '
+                    'add --skip-missing',
                     skip_missing='true',
                 )
         if not np.isfinite(self.t).all():

@@ -233,6 +233,7 @@ def test_samples_that_repeat_the_previous_stamp_are_dropped_and_counted(tmp_path
         ({'effort': lambda k: (1,) if k == 70 else (1, 2)}, BagError, 'sample 70 has 1 efforts for 2 joints'),
         ({'position': lambda k: ()}, BagError, 'has 0 positions for 2 joints'),
         ({'position': lambda k: (np.nan if k == 7 else 0, 0)}, TrajectoryError, 'q that is not a number below'),
+        ({'effort': lambda k: (1, np.nan)}, TrajectoryError, '100 of 100 samples hold a tau .*; record it for both'),
         ({'stamp': lambda k: START + (k - 2 * (k == 60)) * STEP}, TrajectoryError, 'runs backwards by 0.01 s'),
         ({'stamp': lambda k: 0}, TrajectoryError, 'sample 1 repeats'),
     ],
