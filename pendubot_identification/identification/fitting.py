@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import Regression, energy_regression
@@ -244,14 +245,16 @@ def refit(data: TrainingData, near: LikelihoodFit, x: Array, progress: Progress)
     return _fit(like, x, progress)
 
 
-def with_fitted_noise(motions: Sequence[Motion], theta: Array, delay: float, settings: Settings) -> LikelihoodFit:
-    """Return the fit of the shortest interval with given parameters: only the noise is fitted.
+def with_fitted_noise(
+    motions: Sequence[Motion], theta: Array, delay: float, settings: Settings, offsets: ArrayLike = (0.0, 0.0)
+) -> LikelihoodFit:
+    """Return the fit of the shortest interval with given parameters and zeros: only the noise is fitted.
 
     Raises:
         TrajectoryError: no filter follows the motion.
     """
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
-    known = np.array([*theta, *np.zeros(GEARED - len(theta)), delay, 0.0, 0.0])
+    known = np.concatenate([theta, np.zeros(GEARED - len(theta)), [delay], offsets])
     like = _likelihood(data, _shortest(_stable_step(data, theta)), known[:GEARED])
     lower, upper = (np.append(known, bound[SHARED:]) for bound in (like.lower, like.upper))
     try:

@@ -216,7 +216,7 @@ def _inconsistencies(answer: Composite, motions: Sequence[Motion]) -> Iterator[s
     found = list(contradictions([*training, *actual], model, delay, data.settings.box(model)))
     try:
         if actual:
-            problem = with_fitted_noise(actual, answer.theta, delay, data.settings)
+            problem = with_fitted_noise(actual, answer.theta, delay, data.settings, answer.offsets)
             found += disturbances(problem)
             # Quantization alone can look like torque noise.
             worse = (torque_noise(data, problem) > 1) & (unexplained(problem.likelihood, problem.x) > FITTING.least)

@@ -94,6 +94,13 @@ def test_validation_data_that_differ_from_the_training_data_are_reported(rig, ch
     assert warning in ''.join(result.warnings[:1])
 
 
+def test_validation_data_with_the_same_wrong_zeros_are_explained():
+    training, other = (recording(600, seed=k) for k in (1, 2))
+    training, other = (replace(each, q=each.q + np.array([0.01, -0.008])) for each in (training, other))
+    result = identify([training], [other], LIKELIHOOD)
+    assert (result.best.exact, result.level, result.warnings) == (True, Level.OK, ())
+
+
 @pytest.mark.parametrize(
     ('criteria', 'driven', 'absent'), [(('energy', 'weak', 'likelihood'), (1, 0), 'k2'), (('weak',), (0, 1), 'k1')]
 )
