@@ -191,7 +191,7 @@ class Composite(Fits):
             freedom=freedom,
             uncertainty=words,
             effort=Effort(self.data.hold, self.delay, delay_error),
-            J=last.evaluation.cost / max(measurements, 1),
+            J=last.evaluation.cost * last.likelihood.levels / max(measurements, 1),
             residuals=2 * measurements,
             condition_number=scaled_condition_number(information, free),
             converged=last.converged,

@@ -80,6 +80,9 @@ def test_one_noisy_recording_makes_the_fit_inexact():
     assert 'all samples' not in steps
     assert 'prediction errors' in steps
     np.testing.assert_allclose(answer.theta[:5], PAPER.vector()[:5], rtol=0.5)
+    e, s = (each[answer.filter_data.weight > 0] for each in answer.last.likelihood.innovations(answer.last.x))
+    per_measurement = (np.log(s) / 2 + 13 / 2 * np.log1p(e**2 / s / 12)).sum(axis=1).mean()
+    np.testing.assert_allclose(answer.estimate().J, per_measurement, rtol=0.01)
 
 
 def test_a_requested_hold_is_kept():
