@@ -50,6 +50,7 @@ class FittingSettings:
         shortest: shortest recording that is fitted [s].
         least_share: least fraction of P1, and of P2, in their sum at the start: a start on a bound cannot move.
         noise: torque noise at the start, averaged over 0.1 s, as a fraction of the effort.
+        noisiest: largest standard deviation of the positions' noise [rad], unless 20 times their quantization is more.
         louder: factor of the initial noise after a filter has diverged.
         smaller: factor of P1 to P5 in a third attempt.
         held_step: sampling interval [s] above which held and measured torque differ by more than a delay.
@@ -67,6 +68,7 @@ class FittingSettings:
     shortest: float = 1.0
     least_share: float = 0.05
     noise: float = 0.1
+    noisiest: float = 0.02
     louder: float = 10.0
     smaller: float = 0.7
     held_step: float = 0.004
@@ -278,7 +280,8 @@ def _likelihood(data: TrainingData, settings: LikelihoodSettings, theta: Array) 
     low, high = data.settings.delays
     noise, effort = np.log(filter_data.quantization) / 2, np.log(data.effort)
     lower = np.concatenate([box.lower, [low, -0.1, -0.1], noise, effort - 16])
-    upper = np.concatenate([box.upper, [high, 0.1, 0.1], noise + 3, effort + 2])
+    loudest = np.maximum(noise + 3, math.log(SETTINGS.noisiest))
+    upper = np.concatenate([box.upper, [high, 0.1, 0.1], loudest, effort + 2])
     inertia, mass = max(theta[:2].sum(), 1e-9), max(theta[3:5].sum(), 1e-9)
     torque, speed = data.effort.max(), max(float(data.scale[2:].max()), 1e-3)
     of = {'P1': inertia, 'P2': inertia, 'P3': inertia, 'P4': mass, 'P5': mass, 'J2': inertia, 'k1': 1.0, 'k2': 1.0}

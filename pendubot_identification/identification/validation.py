@@ -203,8 +203,8 @@ def remarks(answer: Composite, validation: Sequence[Motion], faults: Sequence[Fa
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
         yield (
-            f'the rig has unmodelled effects: they make {shoulder} and {elbow} of the variance of the innovations at '
-            'shoulder and elbow; the intervals cover them as far as recordings differ'
+            f'the rig has unmodelled effects, or its angles are noisy: they make {shoulder} and {elbow} of the '
+            'variance of the innovations at shoulder and elbow; the intervals cover them as far as recordings differ'
         )
 
 

@@ -85,6 +85,11 @@ def test_one_noisy_recording_makes_the_fit_inexact():
     np.testing.assert_allclose(answer.estimate().J, per_measurement, rtol=0.01)
 
 
+def test_noise_of_unquantized_angles_does_not_bias_the_parameters():
+    answer, _ = fitted(*(noisy(seed=seed) for seed in (3, 4)), model='viscous')
+    np.testing.assert_allclose(answer.theta[:5], PAPER.vector()[:5], rtol=0.05)
+
+
 def test_a_requested_hold_is_kept():
     assert fitted(recording(300, 0.02), hold='linear')[0].data.hold == 'linear'
 
