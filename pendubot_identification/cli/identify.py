@@ -112,13 +112,6 @@ def _settings(args: argparse.Namespace, given: dict[str, Any]) -> Settings:
                 f'--bounds {name}: --model {settings.model} does not have this parameter; leave it out, or choose '
                 f'--model {having[0]}'
             )
-        # The automatic selection may choose a model in which this parameter is 0.
-        low, high = settings.bounds.lower[k], settings.bounds.upper[k]
-        if settings.model == 'auto' and having[0] != 'viscous' and not low <= 0 <= high:
-            raise UsageError(
-                f'--bounds {name} excludes 0, its value in smaller models, which --model auto may choose; add --model '
-                f'{having[0]}, or a larger model'
-            )
     return settings
 
 

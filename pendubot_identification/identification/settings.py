@@ -15,7 +15,7 @@ from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.criteria.quadratic import SIZING, Quadratic, box_factor
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.errors import ParameterError, TrajectoryError
-from pendubot_identification.model.parameters import MODELS, UNDER_LOAD, Bounds, Parameters, default_bounds
+from pendubot_identification.model.parameters import MODELS, NAMES, UNDER_LOAD, Bounds, Parameters, default_bounds
 from pendubot_identification.optimizers.mde import MDESettings
 from pendubot_identification.optimizers.optimizer import require_runs
 from pendubot_identification.trajectories.conversion import Conversion
@@ -88,9 +88,15 @@ class Settings:
             raise ParameterError('all of P1 to b2 are fixed at a value; leave some of them to be estimated')
         # The estimation also fits other models.
         object.__setattr__(self, 'bounds', self.bounds.completed())
-        for criterion in self.criteria:
-            mde, runs = self.search(criterion, self.model)
-            require_runs(runs, mde.population, self.seed)
+        for k in range(MODELS['viscous'], MODELS['geared'] if self.model == 'auto' else 0):
+            if not self.bounds.lower[k] <= 0 <= self.bounds.upper[k]:
+                having = next(model for model, size in MODELS.items() if k < size)
+                raise ParameterError(
+                    f'the bounds of {NAMES[k]} exclude 0, its value in smaller models, which the model auto may '
+                    f'choose; choose the model {having} or a larger one'
+                )
+        mde, runs = self.search('energy', 'viscous')
+        require_runs(runs, mde.population, self.seed)
 
     @classmethod
     def of(

@@ -340,6 +340,8 @@ def test_short_recordings_are_identified(settings, samples, interval):
         ({'delays': (0.1, -0.1)}, 'the smaller one is expected first'),
         ({'delays': (0.0, float('inf'))}, 'delay is inf; .* from -0.5 to 0.5 s is expected'),
         ({'model': 'geared', 'bounds': default_bounds().of(7)}, 'bounds of 7 parameters were given'),
+        ({'bounds': default_bounds().replaced('k1', 0.1, 0.2)}, 'bounds of k1 exclude 0, its value in smaller'),
+        ({'runs': 0}, 'runs is 0; a whole number from 1'),
     ],
 )
 def test_invalid_settings_are_refused(changes, sentence):
