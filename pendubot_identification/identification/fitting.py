@@ -464,7 +464,7 @@ def _smallest(fitted: LikelihoodFit) -> LikelihoodFit:
     worth = max(effective / max(free.size, 1), 1.0) * math.log(max(like.filter_data.measurements, 2)) / 2
     for size in sorted(set(MODELS.values()) - {GEARED}):
         kept = (np.arange(len(H)) < size) | (np.arange(len(H)) >= GEARED)
-        smaller, x = replace(like, lower=like.lower * kept, upper=like.upper * kept, _shaped={}), fitted.x.copy()
+        smaller, x = replace(like, lower=like.lower * kept, upper=like.upper * kept), fitted.x.copy()
         dropped, others = free[~kept[free]], free[kept[free]]
         # The minimum over the others if the dropped ones are fixed at 0.
         pull = H[np.ix_(others, dropped)] @ x[dropped]
