@@ -229,7 +229,7 @@ def _lagged(motion: Motion, unknowns: Array) -> Motion:
 
 
 def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float) -> Motion:
-    """Return a motion with the acting torques by the accepted effects, along its smoothed states.
+    """Return a motion with the acting torques by the accepted effects, except a width, along its smoothed states.
 
     Drifting friction has its value at the end of the training data.
     """
