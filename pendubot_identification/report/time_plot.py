@@ -127,7 +127,8 @@ def joined(times: Sequence[Array], values: Sequence[Array], most: int = MOST_POI
     """Return thinned pieces of L lines, shapes (N,) and (N, L), as one piece in ascending time, separated by NaN."""
     pieces = [(np.empty(0), np.empty((0, 1)))]
     end, share = -math.inf, most // max(len(times), 1)
-    for t, piece in zip(times, values, strict=True):
+    # The rest of a recording, which validates, may begin before the end of other pieces.
+    for t, piece in sorted(zip(times, values, strict=True), key=lambda piece: piece[0][:1].tolist()):
         kept = thinned(piece, max(share, 2 * piece.shape[1]))
         if len(kept) == 0:
             continue

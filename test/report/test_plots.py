@@ -19,7 +19,7 @@ from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.report import plots
-from pendubot_identification.report.time_plot import Line, TimePlot, joined, panel, thinned
+from pendubot_identification.report.time_plot import Line, TimePlot, panel, thinned
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.identified import SAMPLE, made, plain
 from test.identified import result as typed
@@ -130,7 +130,7 @@ def test_a_long_recording_at_1_kHz_gives_small_files():
     assert len(json.dumps(plot._asdict())) < 150_000
 
 
-def test_parts_of_one_bag_share_its_time_axis_and_other_bags_follow():
+def test_parts_of_one_bag_share_its_time_axis_and_other_bags_follow_after_a_gap():
     parts = [motion(name='a@0:3'), motion(name='b'), motion(name='a@3:', start=3.0)]
     drawn = pictures(made(('weak',)), parts[:2], parts[2:])
     for name in ('recordings', 'simulation', 'torque_left', 'residuals_weak'):
@@ -139,14 +139,6 @@ def test_parts_of_one_bag_share_its_time_axis_and_other_bags_follow():
     within = [(s.begin, s.end) for s in drawn['recordings'].content.spans if s.label]
     assert within == [(0, 2.99), (pytest.approx(5.99), pytest.approx(8.98)), (3, 5.99)]
     assert drawn['recordings'].about['recordings'] == ['a', 'b']
-
-
-def test_pieces_are_joined_by_gaps_in_ascending_time():
-    """A piece may begin at the end of the previous piece, and is thinned."""
-    t = np.linspace(0, 1, 5000)
-    pieces = [np.sin(9 * t)[:, None], t[:, None], np.empty((0, 1))]
-    joined_t, y = joined([t, t + 1, np.array([])], pieces, 400)
-    assert (np.diff(joined_t) > 0).all()
-    assert np.isnan(y).sum() == 1
-    assert len(y) <= 402
-    assert joined([], [])[0].shape == (0,)
+    t, ((q1,), *_) = drawn['recordings'].content.panels[1]['t'], lines(drawn['recordings'])[1:]
+    assert (np.diff(t) > 0).all()
+    assert np.isnan(q1).sum() == 2
