@@ -39,6 +39,7 @@ from pendubot_identification.model.dynamics import energy
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.trajectories.conventions import CONVERSION, JOINTS
 from test.conftest import ROOT, SAMPLE
+from test.recordings.bags import csv
 
 FAST = {'criterion': 'weak', 'model': 'viscous', 'hold': 'zero'}
 RIG = Pendubot.from_vector(BALANCE.vector())
@@ -249,22 +250,21 @@ def test_a_signature_has_every_option_with_its_default_and_choices(function, opt
 def test_checks_name_the_options_that_correct_a_recording(tmp_path):
     motion = read(SAMPLE)
     q = motion.q - HANGING
-    rows = zip(motion.t, *q.T, motion.tau[:, 0], strict=True)
     file = tmp_path / 'run.csv'
-    file.write_text('\n'.join(['Zeit,a,b,tau1', *(','.join(map(repr, map(float, row))) for row in rows)]))
+    file.write_text(csv(replace(motion, q=q), names=('Zeit', 'a', 'b', 'tau1')))
     found = describe(file)
     assert found.columns == ['Zeit', 'a', 'b', 'tau1']
     assert found.taken == {'t': 'Zeit', 'tau1': 'tau1'}
     assert found.motion is None
     assert "has no column 'q1' for q1" in str(found.problem)
     named = {'columns': 'q1=a,q2=b'}
-    np.testing.assert_allclose(describe(file, **named).motion.q, q)
+    np.testing.assert_allclose(describe(file, **named).motion.q, q, atol=1e-11)
     (wrong,) = (each for each in check(file, **named) if each.level > Level.OK)
     assert (wrong.check, wrong.level) == ('conventions', Level.ERROR)
     assert '--zero hanging' in wrong.sentence
     assert [each.level for each in check(file, **wrong.remedy)] == [Level.OK] * 6
     assert [each.check for each in check(f'{SAMPLE}@0:0.3')] == ['reading']
-    np.savetxt(file, np.column_stack([motion.t, np.degrees(q), motion.tau[:, 0]]), delimiter=',', header='t,q1,q2,tau1')
+    file.write_text(csv(motion, convert=lambda q: np.degrees(q - HANGING)))
     fast = check(file)[-1]
     assert (fast.check, fast.level, fast.remedy) == ('limits', Level.ERROR, {'degrees': 'true'})
     with pytest.raises(PendubotError, match='there is no option'):

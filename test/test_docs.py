@@ -14,8 +14,10 @@ import pytest
 from pendubot_identification import programs
 from pendubot_identification.cli.main import main, parser
 from pendubot_identification.model.parameters import PAPER
+from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.conftest import RECORDINGS, ROOT
+from test.recordings.bags import csv
 
 PAGES = [
     ROOT / 'README.md',
@@ -54,9 +56,8 @@ def test_documented_commands_of_every_subcommand_work_in_one_folder(tmp_path, mo
     shutil.copytree(ROOT / 'bags', tmp_path / 'bags')
     assert main(['simulate', '--output', 'swing']) == 0
     motion = read_trajectory(tmp_path / 'swing').trajectory
-    columns = motion.t, *np.degrees(motion.q + np.array([np.pi / 2, 0])).T, motion.tau[:, 0]
-    rows = ['t,shoulder,elbow,torque', *(','.join(map(repr, row)) for row in np.transpose(columns).tolist())]
-    (tmp_path / 'matlab.csv').write_text('\n'.join(rows))
+    names = 't', 'shoulder', 'elbow', 'torque'
+    (tmp_path / 'matlab.csv').write_text(csv(motion, names=names, convert=lambda q: np.degrees(q - HANGING)))
     shown = {command: page.name for page in PAGES for command in commands(page)}
     printed = commands(ROOT / 'README.md')  # without shortening
     (subparsers,) = [action for action in parser()._actions if hasattr(action, 'choices') and action.choices]

@@ -14,6 +14,7 @@ from pendubot_identification.results.result import read_result
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.changing_rig import Day, record, truth
 from test.processes import run_program
+from test.recordings.bags import csv
 
 DAY = Day(payload=0.2, payload_at=16.0)
 
@@ -66,8 +67,7 @@ def test_the_summary_is_printed_even_if_the_disk_is_full(bag, tmp_path):
 
 def test_consecutive_recordings_are_tracked_as_one(run, motion, tmp_path):
     for name, part in (('a', motion[motion.t < 16]), ('b', motion[motion.t >= 16])):
-        rows = np.column_stack([part.t, part.q, part.tau[:, 0]])
-        np.savetxt(tmp_path / f'{name}.csv', rows, delimiter=',', header='t,q1,q2,tau1', comments='')
+        (tmp_path / f'{name}.csv').write_text(csv(part))
     status, out, err = run('track', tmp_path / 'a.csv', tmp_path / 'b.csv')
     assert (status, err) == (0, '')
     assert 'payload on link 2' in out

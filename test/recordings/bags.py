@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bags written by this package and by the MCAP library."""
+"""Recordings: bags written by this package and by the MCAP library, and text."""
 
 from mcap.writer import Writer
 from rosbags.interfaces import QosDurability
@@ -72,3 +72,10 @@ def foreign(path, messages, chunk_size=4000, **options):
         size = file.tell()
         writer.finish()
     return path.read_bytes()[:size]
+
+
+def csv(motion, separator=',', decimal='.', names=('t', 'q1', 'q2', 'tau1'), convert=lambda q: q):
+    """Return a motion as CSV text."""
+    columns = zip(motion.t, *convert(motion.q).T, motion.tau[:, 0], strict=True)
+    rows = [separator.join(f'{value:.12g}'.replace('.', decimal) for value in row) for row in columns]
+    return '\n'.join([separator.join(names), *rows])

@@ -16,7 +16,7 @@ from pendubot_identification.errors import LongRecordingError, PendubotError
 from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings import bag_reader
-from pendubot_identification.recordings.bag_reader import BagWindow, read_trajectory
+from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
@@ -26,7 +26,7 @@ from test.changing_rig import Day, truth
 from test.simulated_rig import pulses
 from test.virtual import recording
 
-from .bags import STEP, TOPIC, message
+from .bags import STEP, TOPIC, csv, message
 
 #: Length of informative windows [s].
 LENGTH = 10
@@ -61,12 +61,11 @@ def short_limits(monkeypatch):
 
 def test_a_long_recording_is_refused_with_the_proposal_of_a_window(bag, motion, tmp_path):
     sentence = f'{bag} is too long: it lasts 90 s, and at most 25 s are read at once; take windows of it, such as '
-    for read in (api.read, read_trajectory, lambda path: load_datasets([str(path)])):
-        with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} lists informative'):
-            read(bag)
+    with pytest.raises(LongRecordingError, match=rf'^{sentence}{bag}@:20: pendubot track {bag} lists informative'):
+        api.read(bag)
     with pytest.raises(LongRecordingError, match=r'it lasts 79 s.* such as .*@10:30: pendubot track') as refused:
-        read_trajectory(BagWindow(bag, 10, 89))
-    proposed = read_trajectory(BagWindow.parse(refused.value.first)).trajectory
+        api.read(f'{bag}@10:89')
+    proposed = api.read(refused.value.first)
     np.testing.assert_array_equal(proposed.q, motion.q[(motion.t >= 10) & (motion.t < 30)])
     (tmp_path / 'me@home').mkdir()
     table = tmp_path / 'me@home' / 'x.mat'
@@ -110,26 +109,15 @@ def test_the_length_limit_applies_to_the_topic_instead_of_the_bag(tmp_path):
 def write(path, motion):
     """Write a bag, or a table if the path has a suffix."""
     if path.suffix:
-        rows = np.column_stack([motion.t, motion.q, motion.tau[:, 0]])
-        np.savetxt(path, rows, delimiter=',', header='t,q1,q2,tau1', comments='')
+        path.write_text(csv(motion))
     else:
         write_trajectory(path, motion)
 
 
-@pytest.fixture(scope='module')
-def recordings(tmp_path_factory):
-    """Return a folder with the same 12 s as a bag and as a table."""
-    folder = tmp_path_factory.mktemp('recordings')
-    t = np.arange(1200) * 0.01
-    motion = Trajectory(t, np.column_stack([np.sin(t), np.cos(t)]), np.column_stack([np.sin(3 * t), 0 * t]))
-    for name in ('bag', 'file.csv'):
-        write(folder / name, motion)
-    return folder
-
-
 @pytest.mark.parametrize('name', ['bag', 'file.csv'])
-def test_a_window_beyond_the_end_is_reported_with_both_times(recordings, name):
-    path = recordings / name
+def test_a_window_beyond_the_end_is_reported_with_both_times(tmp_path, name):
+    path = tmp_path / name
+    write(path, recording(1200))
     data = load_datasets([f'{path}@0:50'])
     (note,) = data.notes
     assert not any(load_datasets([f'{path}{window}']).notes for window in ('', '@:', '@2:', '@0:6', '@6:12', '@0:12'))

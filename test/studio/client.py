@@ -61,10 +61,3 @@ class Page:
     def output(self, name):
         answer = self.studio.request('GET', f'{self.path}output/{name}')
         return answer.read().decode() if answer.status == 200 else None
-
-
-def csv(motion, separator=',', decimal='.', names=('t', 'q1', 'q2', 'tau1'), convert=lambda q: q):
-    """Return a motion as CSV text."""
-    columns = zip(motion.t, *convert(motion.q).T, motion.tau[:, 0], strict=True)
-    rows = [separator.join(f'{value:.12g}'.replace('.', decimal) for value in row) for row in columns]
-    return '\n'.join([separator.join(names), *rows])

@@ -16,7 +16,8 @@ from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.browser import NEEDS_BROWSER, accessible, launched, watched
 from test.conftest import ROOT
-from test.studio.client import Studio, csv
+from test.recordings.bags import csv
+from test.studio.client import Studio
 
 try:
     from playwright.sync_api import expect

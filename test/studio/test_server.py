@@ -22,11 +22,11 @@ from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.model.simulation import HANGING, simulate
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.conftest import ROOT
+from test.conftest import SAMPLE
 from test.processes import run_program
-from test.studio.client import Studio, csv
+from test.recordings.bags import csv
+from test.studio.client import Studio
 
-SAMPLE = ROOT / 'bags' / 'paper_experiment'
 QUICK = {'criterion': 'weak', 'model': 'viscous'}
 
 
