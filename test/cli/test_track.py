@@ -58,7 +58,7 @@ def test_a_bag_is_tracked_and_written_as_a_result_with_a_report(run, refused, ba
 
 
 def test_the_summary_is_printed_even_if_the_disk_is_full(bag, tmp_path):
-    ended = run_program('pendubot', 'track', f'{bag}@:12', '--report', tmp_path / 'look', file_limit=20_000)
+    ended = run_program('pendubot', 'track', f'{bag}@:12', '--output', tmp_path / 'now.yaml', file_limit=0)
     assert ended.returncode == 1
     assert 'no change' in ended.stdout
     assert ended.stderr.endswith('cannot be written (File too large); choose another folder\n')
