@@ -308,9 +308,12 @@ def first_fit(data: TrainingData, progress: Progress) -> LikelihoodFit:
         elif interval > max(m.interval for m in data.motions):
             interval /= 2
         else:
+            name, given = data.motions[0].name, data.settings.start is not None
             raise TrajectoryError(
-                f'{data.motions[0].name}: no filter follows this motion from the rough parameters; check signs, units '
-                'and stamps, or choose another part of the recording'
+                f'{name}: no filter follows this motion from the parameters of start; leave it out, or give another one'
+                if given
+                else f'{name}: no filter follows this motion from the rough parameters; check signs, units and stamps, '
+                'or choose another part of the recording'
             )
 
 

@@ -180,6 +180,12 @@ def test_the_estimate_converges_from_a_wrong_start(start):
     assert result.level is Level.OK
 
 
+def test_a_start_from_which_no_filter_follows_is_refused():
+    start = Parameters(P1=-1.0, P2=0.0, P3=5.0, P4=-3.0, P5=2.0, b1=-1.0, b2=0.0)
+    with pytest.raises(TrajectoryError, match='from the parameters of start; leave it out'):
+        identify([recording(400, seed=2)], [], replace(LIKELIHOOD, start=start))
+
+
 def test_a_stiff_rig_is_identified_from_few_samples_and_a_wrong_initial_delay(monkeypatch):
     """Smoothing at a low sampling rate resembles a delay; with that delay the filter of a stiff rig diverges.
 
