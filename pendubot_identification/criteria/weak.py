@@ -175,7 +175,7 @@ class _TestFunctions:
         under = max(4, round(WIDTH / step))
         if cells < under:
             raise TrajectoryError(
-                f'{motion.name}: {end - start:.3f} s with known torque are shorter than the test function of '
+                f'{motion.name}: {max(end - start, 0.0):.3f} s with known torque are shorter than the test function of '
                 f'{WIDTH:g} s; choose a longer part of the recording'
             )
         x = (np.arange(under) + 0.5) / under * 2 - 1

@@ -85,6 +85,8 @@ def test_a_motion_that_is_too_short_or_in_degrees_is_refused():
     short = recording()[:60]
     with pytest.raises(TrajectoryError, match=r'0\.190 s with known torque are shorter than the test function'):
         weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.4)
+    with pytest.raises(TrajectoryError, match=r': 0\.000 s with known torque'):
+        weak_regression(Motion.prepare(short, 0.02), 'viscous', delay=-0.7)
     degrees = Trajectory(short.t, np.rad2deg(np.column_stack([9 * short.t, short.t])), short.tau)
     with pytest.raises(TrajectoryError, match=r'the shoulder turns at .* in radians'):
         weak_regression(Motion.prepare(degrees, 0.02), 'viscous')
