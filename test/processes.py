@@ -23,7 +23,7 @@ MODULES = {name: ('pendubot_identification.programs', name) for name in NODES}
 #: The programs for virtual boards: the package's, and the firmware's Linux program.
 BOARDS = {'python': MODULES['virtual_board'], 'c': ('test.firmware.host_board',)}
 MODULES |= {'pendubot': ('pendubot_identification.cli.main',)}
-MODULES |= {'listener': ('benchmarks.faults.listener',)}
+MODULES |= {'listener': ('test.listener',)}
 
 
 def parameters(**values):

@@ -26,10 +26,10 @@ from test.nodes.observer import Observer
 from test.processes import Program, parameters, repeating, spin_until
 from test.recordings.independent import by_rosbags
 from test.rig import ARMED, PATIENT, WATCHDOG, Rig
+from test.witness import Witness
 
 from .table import Trial
 from .wire import CPR, Tap, damage, hello, numbered_state, scrambled
-from .witness import Witness
 
 MS = 1_000_000
 RADIAN = 2 * np.pi / CPR

@@ -1,7 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A process that subscribes to /joint_states: ``python -m benchmarks.faults.listener FILE.npy``.
+"""A process that subscribes to /joint_states: ``python -m test.listener FILE.npy``.
 
 It prints a line when it listens and at the first message. At SIGTERM it writes a row for each message: arrival and
 timestamp [ns], q1, q2, effort.
