@@ -55,7 +55,8 @@ def until_off(rig, begun):
 def foreign(folder, long):
     """Another program streams commands while the board is locked, disarmed, armed, tripped, and without a bridge."""
     found, seen = {}, {}
-    with running_rig(folder, bridge=PATIENT, tapped=True) as rig:
+    limits = '--limit', 'max_travel1=0', '--limit', 'max_travel2=0'  # the motor turns on under its own torque
+    with running_rig(folder, *limits, bridge=PATIENT, tapped=True) as rig:
 
         def during(state, torque=None):
             rig.diagnoses.clear()
