@@ -120,7 +120,8 @@ class Studio:
         except PendubotError as error:
             return web.Response(status=400, text=str(error))
         except OSError as error:
-            return web.Response(status=507, text=f'the file cannot be stored ({error.strerror}); {NO_SPACE}')
+            text = f'the file cannot be stored ({error.strerror}); rename it, or {NO_SPACE}'
+            return web.Response(status=507, text=text)
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
         return web.FileResponse(PAGE[request.path.rpartition('/')[2]])
