@@ -214,7 +214,7 @@ function row(found, name) {
   const sign = /^(q|tau)/.test(name) && select(`sign:${name}`, `sign of ${name}`, negated().includes(name),
     [['false', '+'], ['true', '− reversed']]);
   return html`<tr><th scope="row">${ROWS[name]}<small>${name}</small></th>${columns}<td>${unit(name)}</td>
-    <td>${sign}</td><td>${name !== 't' && spark(found.preview?.[name])}</td></tr>`;
+    <td>${sign}</td><td>${spark(found.preview?.[name])}</td></tr>`;
 }
 function bag(found) {
   const joints = found.joints.map((name) => [name, name]);

@@ -39,7 +39,7 @@ def describe(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
     shown |= {'taken_as': found.taken_as, 'problem': found.problem and _problem(found.problem)}
     if (motion := found.motion) is not None:
         step = max(1, len(motion) // POINTS)
-        columns = {'t': motion.t, 'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}
+        columns = {'q1': motion.q[:, 0], 'q2': motion.q[:, 1], 'tau1': motion.tau[:, 0]}
         columns |= {'tau2': motion.tau[:, 1]} if motion.tau[:, 1].any() else {}
         shown['preview'] = {name: [float(f'{x:.5g}') for x in values[::step]] for name, values in columns.items()}
     return shown
