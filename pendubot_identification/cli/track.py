@@ -9,7 +9,7 @@ from contextlib import nullcontext
 
 from pendubot_identification.errors import ExcitationError, wrong_usage
 from pendubot_identification.files import OutputFolder, refuse_input, refuse_unwritable, write_atomically
-from pendubot_identification.level import NORMAL_95, Level
+from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import UNITS
 from pendubot_identification.recordings.datasets import windows_of
 from pendubot_identification.report.tables import Table, wrapped
@@ -67,7 +67,7 @@ def run_track(args: argparse.Namespace) -> int:
     if not args.json:
         for path in written:
             print(f'written to {path}')
-    return 3 if tracker.state is None or tracker.state.level is Level.ERROR else 0
+    return 3 if tracker.state is None else 0
 
 
 def _table(last: State, track: Track) -> Table:

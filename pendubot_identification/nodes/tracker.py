@@ -152,8 +152,7 @@ class Tracker(ManagedNode):
             return
         if state.t - self._published_at < 1 / self.get_parameter('rate').value and state.t >= self._published_at:
             return
-        moved = state.level is not Level.ERROR and self._moved(state)
-        if moved:
+        if moved := self._moved(state):
             if self._published is None:
                 self.get_logger().info(f'tracking, level {state.level.name}: {self._condition()[1]}')
             self._published, self._published_at = state, state.t

@@ -88,7 +88,7 @@ class State(NamedTuple):
         t: the middle of the newest block [s].
         theta, std_error: physical parameters and their standard errors, shape (D,).
         delay, delay_std_error: of the effort [s].
-        level, warnings: of the parameters.
+        level, warnings: of the parameters; OK or WARN.
         unexplained: RMS residual torque under test functions when the rig last moved [N m].
         moving: whether a measurement was used.
     """
