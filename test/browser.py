@@ -38,7 +38,7 @@ def watched(browser):
     """Yield a function that opens an address; fail on console messages and on requests to other hosts."""
     contexts, events = [], []
 
-    def opened(address, own, timeout=30_000, **options):
+    def opened(address, own, timeout=120_000, **options):
         contexts.append(browser.new_context(**options))
         page = contexts[-1].new_page()
         page.set_default_timeout(timeout)

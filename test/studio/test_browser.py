@@ -36,7 +36,7 @@ BEFORE = yaml.safe_dump(
     {'schema': 1, 'parameters': {name: {'value': x} for name, x in asdict(PAPER).items() if x}}
 ).encode()
 #: A task may wait for others on a busy machine [ms].
-LONG = 60_000
+LONG = 600_000
 
 
 @pytest.fixture(scope='module')
