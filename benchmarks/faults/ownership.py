@@ -23,6 +23,8 @@ from .table import Trial
 #: Torques that the rig's own commander and the other program command [N m].
 OWN, FOREIGN = 0.2, 0.7
 MICRO = 1_000_000
+#: Options of a board whose motor may turn for any time.
+ENDLESS = '--limit', 'max_travel1=0', '--limit', 'max_travel2=0'
 
 
 def stranger(tap, seed):
@@ -55,8 +57,7 @@ def until_off(rig, begun):
 def foreign(folder, long):
     """Another program streams commands while the board is locked, disarmed, armed, tripped, and without a bridge."""
     found, seen = {}, {}
-    limits = '--limit', 'max_travel1=0', '--limit', 'max_travel2=0'  # the motor turns on under its own torque
-    with running_rig(folder, *limits, bridge=PATIENT, tapped=True) as rig:
+    with running_rig(folder, *ENDLESS, bridge=PATIENT, tapped=True) as rig:
 
         def during(state, torque=None):
             rig.diagnoses.clear()
@@ -191,8 +192,8 @@ def runaway(folder, long):
 
 def restart(folder, _):
     """The board restarts while the rig moves; the zeros have to be confirmed at rest."""
-    with Rig(folder, 1000, '--fault', 'reset_at=8') as rig:
-        # The time of the board begins after the bridge has started, which takes seconds on a busy machine.
+    with Rig(folder, 1000, '--fault', 'reset_at=20', *ENDLESS) as rig:
+        # On a busy machine the bridge needs seconds to start, and as long to arm before the restart.
         rig.start_bridge(*PATIENT, 'confirm_zeros:=true')
         rig.start_board()
         rig.until_samples(1200)

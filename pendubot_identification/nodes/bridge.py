@@ -212,9 +212,10 @@ class Bridge(ManagedNode):
     def _disarm_if_contested(self, now: int) -> None:
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""
         if (self._host.armed or self._arming) and (rivals := name_rivals(self, *self._commands)):
-            self._logged_rivals = rivals
             self._host.output.emit(ArmingEnded(rivals))
-            self._host.output.report(Level.ERROR, rivals)
+            if rivals != self._logged_rivals:  # a diagnosis may have come first
+                self._host.output.report(Level.ERROR, rivals)
+            self._logged_rivals = rivals
             self._host.motor.stop('a second publisher of effort commands appeared', now)
 
     def _on_effort(self, message: Float64, info: dict[str, Any]) -> None:
