@@ -20,6 +20,8 @@ from test.processes import Program, spin_until
 ARMED, WATCHDOG = int(Status.ARMED), int(Status.WATCHDOG)
 #: Long timeouts for a busy machine.
 PATIENT = 'watchdog_ms:=500', 'link_timeout:=2.0', 'command_timeout:=1.0'
+#: Options of a board whose motor may turn for any time.
+ENDLESS = '--limit', 'max_travel1=0', '--limit', 'max_travel2=0'
 
 
 class Rig(Observer):

@@ -15,7 +15,7 @@ import numpy as np
 
 from pendubot_identification.link.protocol import Arm, Command, Hello, HelloRequest, Status, encode
 from test.processes import Program, parameters, repeating, spin_until
-from test.rig import ARMED, PATIENT, Rig
+from test.rig import ARMED, ENDLESS, PATIENT, Rig
 
 from .bridge import RADIAN, drive, newest, running_rig
 from .table import Trial
@@ -23,8 +23,6 @@ from .table import Trial
 #: Torques that the rig's own commander and the other program command [N m].
 OWN, FOREIGN = 0.2, 0.7
 MICRO = 1_000_000
-#: Options of a board whose motor may turn for any time.
-ENDLESS = '--limit', 'max_travel1=0', '--limit', 'max_travel2=0'
 
 
 def stranger(tap, seed):

@@ -10,7 +10,7 @@ import yaml
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.results.result import SCHEMA
-from test.rig import Rig
+from test.rig import ENDLESS, Rig
 
 #: Options of a fast identification.
 FAST = {'criterion': 'weak', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
@@ -44,7 +44,7 @@ def stranger(ros):
 def running_rig(ros, tmp_path_factory):
     """A rig that no timeout and no travel disarms during a test."""
     with Rig(tmp_path_factory.mktemp('rig'), 100) as rig:
-        rig.start_board('--limit', 'max_travel1=0', '--limit', 'max_travel2=0')
+        rig.start_board(*ENDLESS)
         rig.start_bridge('watchdog_ms:=5000', 'link_timeout:=5.0', 'command_timeout:=1.0')
         yield rig
 
