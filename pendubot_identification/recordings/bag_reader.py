@@ -9,6 +9,7 @@ import math
 import os
 import weakref
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -77,6 +78,13 @@ class BagWindow:
                 f'{text!r} names no window of a bag; BAG@START:END in seconds is expected, such as bag@0:9 or bag@9:'
             ) from None
         return cls(Path(path), start, end)
+
+    @classmethod
+    def named(cls, name: str) -> BagWindow:
+        """Return the window in the name of a motion; all if the name of a lost file contains an @ and no window."""
+        with suppress(BagError):
+            return cls.parse(name)
+        return cls(Path(name))
 
     def of(self, motion: Trajectory) -> Trajectory:
         """Return the samples of a motion in the window, possibly none; t [s] counts from the bag's first sample."""

@@ -9,7 +9,6 @@ matplotlib takes half a second to import: only modules that draw import this one
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -32,6 +31,7 @@ from pendubot_identification.identification.effects import DetectedEffect, catal
 from pendubot_identification.identification.fitting import linear, with_fitted_noise
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
+from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.results.provenance import hold, settings
 from pendubot_identification.results.result import Result, theta_of
 from pendubot_identification.tracking.events import Change, Event, State
@@ -290,7 +290,7 @@ class Prepared:
 
 def _recording(motion: Trajectory) -> str:
     """Return the recording of a part with the name ``BAG@START:END``."""
-    return re.sub('@[^@/]*$', '', motion.name)
+    return str(BagWindow.named(motion.name).path)
 
 
 def _one_after_the_other(motions: Sequence[Trajectory]) -> tuple[list[Trajectory], list[Span]]:

@@ -5,14 +5,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from itertools import combinations
 from typing import Any
 
 from scipy.special import ndtr, stdtr
 
 from pendubot_identification.criteria.prediction_error import HORIZONS, predict, state_scale
-from pendubot_identification.errors import BagError
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.recordings.bag_reader import BagWindow, RecordedTrajectory
 from pendubot_identification.recordings.datasets import span
@@ -81,15 +79,8 @@ def _welch(a: Parameter | None, b: Parameter | None) -> tuple[float | None, floa
 
 def _training(result: PartialResult) -> list[Part]:
     """Return the parts of bags from which a result was estimated."""
-    used = [(bag, _start(bag.bag)) for bag in result.bags if bag.role == 'training']
+    used = [(bag, BagWindow.named(bag.bag).start or 0.0) for bag in result.bags if bag.role == 'training']
     return [(bag.sha256, start, start + bag.duration) for bag, start in used]
-
-
-def _start(recording: str) -> float:
-    """Return the start of a recording's window [s]."""
-    with suppress(BagError):  # its name contains an @, and the recording is elsewhere now
-        return BagWindow.parse(recording).start or 0.0
-    return 0.0
 
 
 def _overlap(parts: Sequence[Part], others: Sequence[Part]) -> bool:

@@ -44,6 +44,8 @@ def bag(tmp_path_factory):
 def test_the_name_of_a_folder_above_a_missing_bag_may_contain_an_at_sign():
     assert BagWindow.parse('me@home/run') == BagWindow(Path('me@home/run'))
     assert BagWindow.parse('me@home/run@1:2') == BagWindow(Path('me@home/run'), 1, 2)
+    assert BagWindow.named('me@home/run@3.csv') == BagWindow(Path('me@home/run@3.csv'))
+    assert BagWindow.named('bag@1:') == BagWindow(Path('bag'), 1)
 
 
 @pytest.mark.parametrize(
