@@ -88,6 +88,10 @@ class Rig(Observer):
         """Call a service by its full name, or a service of the bridge."""
         return super().call(self.trigger, service if service[0] == '/' else f'/bridge/{service}')
 
+    def disarm(self):
+        """Disarm, again if a busy machine delayed the confirmation."""
+        self.until(lambda: self.call('disarm').success)
+
     def effort(self, torque):
         self.effort_publisher.publish(self.float64(data=torque))
 
@@ -117,8 +121,7 @@ class Rig(Observer):
         """Disarm; trace, samples and diagnoses begin here, and no program publishes effort commands."""
         if 'effort_publisher' in vars(self):
             self.node.destroy_publisher(vars(self).pop('effort_publisher'))
-        answer = self.call('disarm')
-        assert answer.success, answer.message
+        self.disarm()
         self.until(lambda: not self.node.count_publishers('/pendubot/effort_command'))
         self.until(lambda: not self.trace()[-1, 3:].any())
         self._rows = self._rows[-1:]

@@ -41,7 +41,8 @@ class Motor:
         effort_stopped: whether the motor is armed at torque 0 because no effort command arrives.
         torque_limit: largest torque that is sent [N m].
         lost: reason of the last unrequested disarming, in words; '' from the next arming on.
-        disobeyed: whether the board ignores the request to disarm.
+        disarming: whether no STATE has confirmed the last request to disarm yet.
+        disobeyed: whether the board ignores this request.
     """
 
     def __init__(self, config: HostConfig, output: Output, new_session: Callable[[], int] | None = None) -> None:
@@ -55,7 +56,7 @@ class Motor:
         self._new_session = new_session or count(1).__next__
         self._session = 0
         self._arming_since: int | None = None
-        self._disarming = False  # until a STATE confirms a mode 0
+        self.disarming = False
         #: Torques [micro-N m] by sequence number, of this host's COMMANDs and ARMs from the last disarming on.
         self._sent: OrderedDict[int, int] = OrderedDict()
         self._disarms: set[int] = set()  # sequence numbers of the COMMANDs before this arming
@@ -105,8 +106,8 @@ class Motor:
         elif was_armed and not wanted:
             self.lost = reason
             self._output.report(Level.WARN, f'disarmed: {reason}; arm again when it is safe')
-        if not self._disarming:
-            self._disarming = True
+        if not self.disarming:
+            self.disarming = True
             self._sent.clear()
         self._command(Mode.DISARM, now)
 
@@ -159,7 +160,7 @@ class Motor:
     def poll(self, now: int) -> None:
         """Repeat due requests and commands, time out the arming, and command 0 after the last effort command."""
         if self._output.open and now - self._last_sent >= REPEAT_INTERVAL:
-            if self._disarming:
+            if self.disarming:
                 self._command(Mode.DISARM, now)
             elif self._arming_since is not None and self._lock is not None:
                 self._request(self._lock, now)
@@ -197,26 +198,26 @@ class Motor:
     def _follow_disarmed(self, state: State, risen: int, now: int) -> None:
         on, was_on = (bool(s.status & Status.ARMED or s.torque) for s in (state, self._before))
         # Switched on without an ARM of this host, or on although it was disarmed.
-        foreign = on and (not self._disarming or not (was_on or state.lock == self._lock))
+        foreign = on and (not self.disarming or not (was_on or state.lock == self._lock))
         if foreign:
             self.lost = 'another program armed the motor, or a bridge that was killed'
             text = f'the board applies {state.torque / 1e6:g} N m, armed by another program; disarming it'
             self._output.report_new('armed by another', now, Level.ERROR, f'{text}: end that program')
             self.stop(self.lost, now)
-        elif not self._disarming:
+        elif not self.disarming:
             if risen & FAULTS:
                 self.stop('a fault', now)  # a mode 0 clears a fault that is over
         elif not on and state.cmd_seq in self._sent:
-            self._disarming, self.disobeyed, self._lock = False, False, None
+            self.disarming, self.disobeyed, self._lock = False, False, None
         elif on and len(self._sent) > ARMING_TIMEOUT // REPEAT_INTERVAL and not self.disobeyed:
             self.disobeyed = True
             self._output.report(Level.ERROR, DISOBEYED)
 
     def _go_on_arming(self, state: State, now: int) -> None:
         """Request the arming after the board has executed the last mode 0; detect its success or failure."""
-        if self._disarming:
+        if self.disarming:
             self._follow_disarmed(state, 0, now)
-        if self._disarming:
+        if self.disarming:
             return
         status = state.status
         if status & FAULTS:
@@ -274,7 +275,7 @@ class Motor:
         more = 0 if self._refused is None else (state.refused - self._refused) % _SEQS
         self._refused = state.refused
         # Until a STATE confirms an arming or a mode 0, an earlier request of this host may be among them.
-        if more and (self.armed or (self._arming_since is None and not self._disarming)):
+        if more and (self.armed or (self._arming_since is None and not self.disarming)):
             self._counters.foreign_requests += more
             self._last_foreign = now
             text = 'another program sends commands to the board, which refuses them; end that program'

@@ -22,6 +22,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.link.events import ArmingEnded, HostConfig, Report, Sample
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host
+from pendubot_identification.link.motor import ARMING_TIMEOUT
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import current_name
@@ -30,6 +31,7 @@ from .messages import Status, shoulder_effort
 from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_others, name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 
+UNCONFIRMED = 'the board does not confirm that it is disarmed: press the emergency stop, then check its wiring'
 #: Smallest step of the computer's clock that is reported [s].
 CLOCK_TOLERANCE = 0.05
 
@@ -92,6 +94,7 @@ class Bridge(ManagedNode):
         self._lock = threading.Lock()
         self._pause = 0.0  # until the next check of timeouts [s]
         self._arming: list[Future] = []
+        self._disarming: list[tuple[Future, int]] = []  # calls of ~/disarm and their deadlines [ns]
         self._health = Health()
         # Offset from the monotonic clock to ROS time, constant even if the system's clock is set later.
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
@@ -158,6 +161,8 @@ class Bridge(ManagedNode):
                 action(time.monotonic_ns() if now is None else now)
                 if data := self._host.output.take_data():
                     self._link.write(data)
+                if self._disarming:
+                    self._answer_disarming(time.monotonic_ns())
                 for event in (events := self._host.output.take_events()):
                     # Under the lock, so that the threads' reports and answers keep their order.
                     if isinstance(event, Report):
@@ -266,10 +271,26 @@ class Bridge(ManagedNode):
             self._host.arm(now)
 
     async def _on_disarm(self) -> tuple[bool, str]:
-        self._step(self._host.motor.disarm)
-        if self._host.link == 'up':
-            return True, 'disarmed'
-        return False, f'no board to disarm: {self._host.condition(time.monotonic_ns()).text}'
+        future = Future()
+        self._step(lambda now: self._disarm(future, now))
+        answer: tuple[bool, str] = await future
+        return answer
+
+    def _disarm(self, future: Future, now: int) -> None:
+        self._host.motor.disarm(now)
+        self._disarming.append((future, now + ARMING_TIMEOUT))
+
+    def _answer_disarming(self, now: int) -> None:
+        """Answer the calls of ~/disarm once the board has confirmed that it is disarmed, or does not."""
+        if self._host.link != 'up':
+            answer = False, f'no board to disarm: {self._host.condition(now).text}'
+        elif not self._host.motor.disarming:
+            answer = True, 'disarmed'
+        elif now >= self._disarming[0][1]:
+            answer = False, UNCONFIRMED
+        else:
+            return
+        self.answer(self._disarming.pop(0)[0], answer)
 
     async def _on_confirm_zeros(self) -> tuple[bool, str]:
         if others := name_others(self, self._joint_states):

@@ -118,7 +118,7 @@ def test_a_failure_of_bridge_board_or_balancer_stops_the_motor_for_good(rig):
     # The motor is still armed when the command timeout sets its torque to zero.
     rig.until(lambda: not rig.trace()[-200:, 3].any())
     assert rig.trace()[np.flatnonzero(rig.trace()[:, 3])[-1] + 1, 4] & ARMED
-    assert rig.call('disarm').success
+    rig.disarm()
     rig.publish()
     rig.start('balancer').wait_for('prepared')
     assert stays_disarmed(rig), 'a restarted balancer must not arm by itself'

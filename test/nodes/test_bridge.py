@@ -7,6 +7,7 @@ import signal
 
 import pytest
 
+from benchmarks.faults.bridge import running_rig
 from test.nodes.observer import Observer
 from test.processes import Program
 from test.rig import ARMED, WATCHDOG
@@ -38,6 +39,20 @@ def test_samples_have_the_current_and_a_signal_disarms_the_bridge_for_good(rig, 
     assert not (r.trace()[:, 4] & WATCHDOG).any(), 'disarmed by the watchdog instead of by command'
     assert r.trace()[-1, 3] == 0
     assert 'Traceback' not in bridge.output
+
+
+def test_disarmed_is_answered_only_after_the_board_confirms_it(tmp_path, ros):
+    with running_rig(tmp_path / 'rig', tapped=True) as r:
+        assert r.call('disarm').message == 'disarmed'
+        r.tap.cut.add('to_board')
+        answer = r.call('disarm')
+        assert not answer.success
+        assert answer.message.startswith('the board does not confirm that it is disarmed: press the emergency stop')
+        r.tap.cut.clear()
+        assert r.call('disarm').success
+        r.tap.cut.add('to_host')
+        r.until(lambda: r.diagnosed(2, 'no valid sample arrives from the board'))
+        assert r.call('disarm').message == 'no board to disarm: no valid sample arrives from the board'
 
 
 #: A bridge in which a method fails as soon as the motor is armed.

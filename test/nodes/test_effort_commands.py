@@ -156,12 +156,12 @@ def test_the_torque_limit_may_be_lowered_while_it_runs_and_raised_only_while_dis
     assert limited(0.2) is True
     r.drive_until(1.0, lambda: r.samples[-1][6] == 0.2)
     assert 'is not raised while the motor is armed; call ~/disarm first' in limited(0.3)
-    assert r.call('disarm').success
+    r.disarm()
     assert limited(0.3) is True
     assert r.call('arm').success
     r.drive_until(1.0, lambda: r.samples[-1][6] == 0.3)
     assert set(r.trace()[:, 3]) == {0, 200_000, 300_000, 500_000}
-    assert r.call('disarm').success
+    r.disarm()
     assert limited(2.0) is True
 
 
