@@ -5,6 +5,7 @@
 
 import os
 import re
+import shlex
 import signal
 import time
 from pathlib import Path
@@ -53,8 +54,8 @@ def _group(process):
 
 
 def test_the_demo_ends_with_a_table_of_all_criteria_and_the_true_values(tmp_path):
-    """Each program pauses for as long as on a busy computer."""
-    folder = tmp_path / 'demo'
+    """Each program pauses for as long as on a busy computer; the name of the folder has signs of YAML and shells."""
+    folder = tmp_path / "it's #1: demo"
     with Demo(folder) as demo:
         demo.wait_for_log('exciter', 'exciting')
         for program in ('virtual_board', 'bridge', 'exciter', 'recorder', ''):
@@ -73,6 +74,7 @@ def test_the_demo_ends_with_a_table_of_all_criteria_and_the_true_values(tmp_path
     assert 'energy: MDE: 10 of 10 runs reached the exact minimum' in demo.output
     result = yaml.safe_load((folder / 'result.yaml').read_text())
     assert [bag['samples'] for bag in result['bags']] == [900, 900]
+    assert shlex.split(demo.lines[-1])[-2:] == ['identify', str(folder / 'paper_experiment')]
     motion = read_trajectory(folder / 'paper_experiment').trajectory
     assert abs(motion.tau).max() > 0.5, 'the rig was excited'
     assert not motion.tau[:, 1].any(), 'a pendubot has no motor at the elbow'

@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
+import shlex
 import signal
 import subprocess
 import sys
@@ -60,7 +62,7 @@ def run_demo(args: argparse.Namespace) -> int:
         with Programs(folder) as programs:
             begin = time.monotonic()
             # The bridge holds its torques, so the selection of the hold, which takes some seconds, is unnecessary.
-            identifier = programs.start('identifier', bags=f"['{bag}']", output=written, hold='zero')
+            identifier = programs.start('identifier', bags=[str(bag)], output=written, hold='zero')
             programs.wait(identifier, written.exists, 'wrote no result', 120.0)
             print(f'identified in {time.monotonic() - begin:.1f} s, start of the node included', flush=True)
             names = _late_subscriber(rclpy)
@@ -72,7 +74,7 @@ def run_demo(args: argparse.Namespace) -> int:
     print(
         f'\nThe first {SAMPLES // 2} samples are for training, the others for validation. Encoder counts\n'
         'and central differences move the minimum of energy away from the truth; MDE finds that minimum exactly.\n'
-        f'\ntry: {sys.argv[0]} identify {bag}'
+        f'\ntry: {shlex.join([sys.argv[0], "identify", str(bag)])}'
     )
     return 0
 
@@ -130,9 +132,9 @@ def _record(programs: Programs, port: Path, bag: Path) -> None:
     """
     board = programs.start('virtual_board', '--patient', '--link', port, '--rate', RATE)
     programs.wait(board, port.exists, 'opened no port')
-    programs.start('bridge', port=port, link_timeout=PAUSE, confirm_zeros='false')
+    programs.start('bridge', port=port, link_timeout=PAUSE, confirm_zeros=False)
     recorder = programs.start('recorder', output=bag, max_messages=SAMPLES)
-    programs.start('exciter', arm='true', duration=0.0)
+    programs.start('exciter', arm=True, duration=0.0)
     print(f'exciting and recording for {SAMPLES / RATE:g} s', flush=True)
     programs.wait(recorder, lambda: recorder.poll() == 0, 'did not finish its bag', SAMPLES / RATE + 40.0)
     print(f'recorded {bag}', flush=True)
@@ -188,7 +190,9 @@ class Programs(ExitStack):
 
     def start(self, name: str, *arguments: object, **parameters: object) -> Program:
         """Start a program of this package with arguments and, if it is a node, parameters."""
-        settings = [word for key, value in parameters.items() for word in ('-p', f'{key}:={value}')]
+        # ROS reads values as YAML, and JSON quotes a path with an apostrophe, # or : in it.
+        values = {key: json.dumps(value, default=str, ensure_ascii=False) for key, value in parameters.items()}
+        settings = [word for key, value in values.items() for word in ('-p', f'{key}:={value}')]
         program = Program(self._folder, name, [*map(str, arguments), *(['--ros-args'] if settings else []), *settings])
         self.callback(program.end)
         self._running.append(program)
