@@ -9,6 +9,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # before numpy: more threads
 
 import importlib
 import io
+import signal
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -56,6 +57,9 @@ def _until_nobody_reads(main: Callable[[], int]) -> int:
 
 def pendubot() -> int:
     """Run the command line; return the exit status."""
+    # During the slow imports Ctrl-C may end the program at once, because nothing is open yet.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     from pendubot_identification.cli.main import main
 
     return _until_nobody_reads(main)

@@ -7,6 +7,7 @@ import argparse
 import importlib
 import io
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -39,12 +40,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.debug:
         print(f'pendubot: {kernel.description()}', file=sys.stderr)
     if args.subcommand == 'help':
-        try:
-            top.parse_args([*filter(None, [args.command]), '--help'])
-        except SystemExit as ended:
-            return int(ended.code or 0)
+        top.parse_args([*filter(None, [args.command]), '--help'])  # exits
     try:
         module = importlib.import_module(MODULES.get(args.subcommand, f'.{args.subcommand}'), __package__)
+        if signal.getsignal(signal.SIGINT) == signal.SIG_DFL:  # set by programs.py during the imports
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         return int(getattr(module, f'run_{args.subcommand}')(args))
     except KeyboardInterrupt:
         print('pendubot: interrupted', file=sys.stderr)

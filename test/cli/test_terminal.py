@@ -9,6 +9,7 @@ import os
 import pty
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -147,6 +148,25 @@ print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})), file=sys
 def child(*arguments, **options):
     command = [sys.executable, *map(str, arguments)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, **options)
+
+
+INTERRUPTED = """
+import os, signal, sys
+module = sys.argv.pop(1)
+class Interrupt:
+    def find_spec(name, *_):
+        if name == module:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt)
+from pendubot_identification.programs import pendubot
+pendubot()
+"""
+
+
+@pytest.mark.parametrize('module', ['pendubot_identification.cli.arguments', 'numpy'])
+def test_an_interrupt_during_the_imports_ends_the_program_without_a_traceback(module):
+    ended = child('-c', INTERRUPTED, module, 'info', SAMPLE)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, '', '')
 
 
 @pytest.mark.parametrize(
