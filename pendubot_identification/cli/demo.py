@@ -51,10 +51,10 @@ def run_demo(args: argparse.Namespace) -> int:
     """Record the paper's experiment, identify, receive the parameters late, and print them beside the truth."""
     if args.output is not None and args.output.exists():
         raise PendubotError(f'{args.output} exists already and was left as it is; name a new folder')
-    folder = Path(tempfile.mkdtemp(prefix='pendubot-demo-')) if args.output is None else args.output.absolute()
-    OutputFolder(folder)
-    bag, written = folder / 'paper_experiment', folder / 'result.yaml'
     with own_ros() as (rclpy, domain):
+        folder = Path(tempfile.mkdtemp(prefix='pendubot-demo-')) if args.output is None else args.output.absolute()
+        OutputFolder(folder)
+        bag, written = folder / 'paper_experiment', folder / 'result.yaml'
         print(f'virtual rig in ROS domain {domain}, files in {folder}')
         print(f'virtual board: {RATE} Hz, 4000 counts per turn, the parameters of the paper', flush=True)
         with Programs(folder) as programs:

@@ -201,7 +201,10 @@ def test_the_variable_pendubot_threads_limits_the_kernel(given, threads):
     assert int(child(*command, env={**os.environ, 'PENDUBOT_THREADS': given}, check=True).stdout) == threads
 
 
-def test_the_demo_without_ros_reports_it():
-    ended = child('-c', 'import sys; sys.modules["rclpy"] = None\n' + CHILD, 'demo')
-    assert 'the demo needs ROS 2' in ended.stderr
-    assert 'Traceback' not in ended.stderr
+def test_the_demo_without_ros_reports_it_and_leaves_no_folder(tmp_path):
+    for output in ((), ('--output', tmp_path / 'demo')):
+        env = {**os.environ, 'TMPDIR': str(tmp_path)}
+        ended = child('-c', 'import sys; sys.modules["rclpy"] = None\n' + CHILD, 'demo', *output, env=env)
+        assert 'the demo needs ROS 2' in ended.stderr
+        assert 'Traceback' not in ended.stderr
+        assert not [*tmp_path.iterdir()]
