@@ -5,6 +5,7 @@
 
 import argparse
 import json
+import sys
 from contextlib import nullcontext
 
 from pendubot_identification.errors import ExcitationError, wrong_usage
@@ -67,6 +68,8 @@ def run_track(args: argparse.Namespace) -> int:
     if not args.json:
         for path in written:
             print(f'written to {path}')
+    if args.output is not None and not text:
+        print(f'pendubot: {args.output} is not written: no parameters are tracked at the end', file=sys.stderr)
     return 3 if tracker.state is None else 0
 
 

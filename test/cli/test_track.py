@@ -4,6 +4,7 @@
 """The subcommand track."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,3 +73,15 @@ def test_consecutive_recordings_are_tracked_as_one(run, motion, tmp_path):
     assert (status, err) == (0, '')
     assert 'payload on link 2' in out
     assert 'a gap between samples, 1 times' in out
+
+
+def test_without_parameters_at_the_end_an_earlier_file_is_named_as_not_written(run, motion, tmp_path):
+    lost = np.cumsum(np.random.default_rng(1).normal(0.0, 0.2, motion.q.shape) * (motion.t[:, None] > 16.0), axis=0)
+    (tmp_path / 'run.csv').write_text(csv(replace(motion, q=motion.q + lost)))
+    now = tmp_path / 'now.yaml'
+    now.write_text('of yesterday')
+    status, out, err = run('track', tmp_path / 'run.csv', '--output', now, '--force')
+    assert status == 3
+    assert 'no parameters are tracked at the end: ' in out
+    assert err == f'pendubot: {now} is not written: no parameters are tracked at the end\n'
+    assert now.read_text() == 'of yesterday'
