@@ -125,7 +125,7 @@ class Balancing:
         self._q: Pair | None = None
         self._heard = -math.inf
         self._upright_since: float | None = None
-        self._arming_since: float | None = None
+        self._arming_since = 0.0
 
     def to_prepare(self, accept_warn: bool) -> tuple[Parameters, Loop] | None:
         """Return parameters and loop for which a plan is missing; None if there is nothing to prepare."""
@@ -165,18 +165,23 @@ class Balancing:
         if self.phase is Phase.IDLE:
             self.plan = None
 
-    def begin(self) -> None:
-        """Start arming; raise ControlError without a plan, or far from upright if the swing-up is impossible."""
+    def begin(self, now: float) -> None:
+        """Start arming at ``now`` [s].
+
+        Raises:
+            ControlError: there is no plan or sample, or the rig is far from upright and the swing-up is impossible.
+        """
         if self.phase is not Phase.IDLE:
             raise ControlError(f'it is {self.phase.value} already')
         if self.plan is None or self._q is None:
             raise ControlError(self.obstacle or 'the controller is being designed; try again in a moment')
+        self._require_sample(now)
         near = float(deviation(np.array([self._q]))[0]) < SETTINGS.near
         if not near and self.plan.swing_up == math.inf:
             raise ControlError(f'{self.plan.obstacle()}; hold it upright and start again to balance only')
         if not near and not self._bounds.swing_up:
             raise ControlError('swing_up_time is 0; hold it upright, then start again')
-        self.phase, self.stopped, self._arming_since = Phase.ARMING, '', None
+        self.phase, self.stopped, self._arming_since = Phase.ARMING, '', now
 
     def armed(self) -> None:
         """Start the motion at the next sample, after the bridge was armed."""
@@ -193,8 +198,10 @@ class Balancing:
         if self.plan is not None and not self.plan.simulated:
             self.plan = None
 
-    def sample(self, t: float, now: float, q: Pair, effort: float) -> float | None:
-        """Process a sample: sampling time and arrival [s], positions [rad], torque from this sample on [N m].
+    def sample(self, t: float, age: float, now: float, q: Pair, effort: float) -> float | None:
+        """Process a sample: its sampling time, age and arrival [s], positions [rad], torque from then on [N m].
+
+        The arrival and the times of other calls are on one monotonic clock; the sampling time is on the bridge's clock.
 
         Returns:
             The torque to command [N m], None while idle.
@@ -206,29 +213,32 @@ class Balancing:
         self._q, self._heard = q, now
         if self.phase is Phase.IDLE:
             return None
-        if self._controller is None:
-            self._arming_since = self._arming_since or t
-            if t - self._arming_since > SETTINGS.patience:
-                raise ControlError(
-                    f'the bridge did not answer within {SETTINGS.patience:g} s whether it is armed; start again'
-                )
+        if (controller := self._controller) is None:
             return 0.0
         # Also not in the future: with a stopped or reset clock no sample would ever be old.
-        if not abs(now - t) <= self._bounds.gap:
+        if not abs(age) <= self._bounds.gap:
             raise ControlError(
-                f'a sample is {now - t:.3f} s old; at most {self._bounds.gap:g} s either way are allowed: check the '
+                f'a sample is {age:.3f} s old; at most {self._bounds.gap:g} s either way are allowed: check the '
                 'clocks and use_sim_time'
             )
         if self._coming is not None:
             self.plan, self._coming = self._coming, None
-            self._controller.adopt(self.plan.design)
-        torque = self._controller.step(t, q, effort)
-        self._upright_since = (self._upright_since or t) if self._controller.balancing else None
+            controller.adopt(self.plan.design)
+        torque = controller.step(t, q, effort)
+        self._upright_since = (self._upright_since or now) if controller.balancing else None
         return torque
 
     def silence(self, now: float) -> None:
-        """Raise ControlError if the last sample is older than the longest gap; call it several times per gap."""
-        if self.phase is Phase.RUNNING and now - self._heard > self._bounds.gap:
+        """Raise ControlError if an answer or a sample is missing for too long; call it several times per gap."""
+        if self.phase is Phase.ARMING and now - self._arming_since > SETTINGS.patience:
+            raise ControlError(
+                f'the bridge did not answer within {SETTINGS.patience:g} s whether it is armed; start again'
+            )
+        if self.phase is Phase.RUNNING:
+            self._require_sample(now)
+
+    def _require_sample(self, now: float) -> None:
+        if now - self._heard > self._bounds.gap:
             raise ControlError(f'no sample for {now - self._heard:.3f} s: check the bridge, or this machine paused')
 
     def diagnosis(self) -> tuple[Level, str, dict[str, str]]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
@@ -64,6 +65,7 @@ class Balancer(SettingsNode):
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], limits)
         self._worker = threading.Thread()
         self._driver = Driver(self)
+        self._started = Future()  # the answer to ~/start
         # Only the newest sample: a torque for an older sample would be late.
         self._samples = self.create_subscription(JointState, 'joint_states', self._on_sample, 1)
         self._identified: list[Subscription] = []
@@ -95,8 +97,8 @@ class Balancer(SettingsNode):
         with self._stopping_on_error():
             self._refuse_second_rig()
             stamp, q, effort = joint_sample(m, self._names)
-            now = self.get_clock().now().nanoseconds * 1e-9
-            torque = self._balancing.sample(stamp, now, q, effort)
+            age = self.get_clock().now().nanoseconds * 1e-9 - stamp
+            torque = self._balancing.sample(stamp, age, time.monotonic(), q, effort)
             if torque is not None:
                 self._driver.effort(torque)
 
@@ -145,28 +147,39 @@ class Balancer(SettingsNode):
         if unserved := self._driver.unserved():
             return False, f'nobody serves {unserved}; start the bridge'
         try:
-            self._balancing.begin()
+            self._balancing.begin(time.monotonic())
         except PendubotError as error:
             return False, str(error)
         self._driver.begin()
         if not self._driver.is_received(PATIENCE):
             self._balancing.stop()
             return False, self._driver.not_received()
-        answer = await self._driver.arm.call_async(Trigger.Request())
-        if not answer.success:
-            self._balancing.stop()
-        elif self._balancing.phase is Phase.ARMING:
+        self._started = Future()
+        self._driver.arm.call_async(Trigger.Request()).add_done_callback(self._on_armed)
+        answer: tuple[bool, str] = await self._started
+        return answer
+
+    def _on_armed(self, future: Future) -> None:
+        answer = future.result()
+        if self._balancing.phase is not Phase.ARMING:  # it was stopped in the meantime
+            self._driver.release()
+            return
+        if answer.success:
             self._balancing.armed()
             self.get_logger().info('armed and moving')
         else:
-            self._driver.release()
-            return False, 'it was stopped in the meantime'
-        return answer.success, f'bridge: {answer.message}'
+            self._balancing.stop()
+        self.answer(self._started, (answer.success, f'bridge: {answer.message}'))
 
     async def _on_stop(self) -> tuple[bool, str]:
-        self._balancing.stop()
-        self._driver.release()
+        self._stop()
         return True, 'stopped; the bridge is requested to disarm'
+
+    def _stop(self, reason: str = '') -> None:
+        """Command zero torque, disarm, and answer ~/start if it is still waiting."""
+        self._balancing.stop(reason)
+        self._driver.release()
+        self.answer(self._started, (False, reason or 'it was stopped in the meantime'))
 
     def _supervise(self) -> None:
         """Detect missing samples, design for new parameters in a separate thread, and publish no torque while idle."""
@@ -178,7 +191,7 @@ class Balancer(SettingsNode):
         with self._stopping_on_error():
             self._refuse_second_rig()
             self._take_parameters()
-            self._balancing.silence(self.get_clock().now().nanoseconds * 1e-9)
+            self._balancing.silence(time.monotonic())
         if not self._worker.is_alive():
             before = self._balancing.obstacle
             wanted = self._balancing.to_prepare(self.get_parameter('accept_warn').value)
@@ -206,10 +219,12 @@ class Balancer(SettingsNode):
         try:
             yield
         except Exception as error:
-            self._balancing.stop(explained(error))
-            self.get_logger().error(f'stopped: {self._balancing.stopped}', throttle_duration_sec=1.0)
+            reason = explained(error)
+            self.get_logger().error(f'stopped: {reason}', throttle_duration_sec=1.0)
             if moving:
-                self._driver.release()
+                self._stop(reason)
+            else:
+                self._balancing.stop(reason)
 
     def _diagnosis(self) -> tuple[Level, str, dict[str, str]]:
         level, message, values = self._balancing.diagnosis()

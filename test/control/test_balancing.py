@@ -50,15 +50,15 @@ def test_missing_or_poor_inputs_are_named():
     balancing = Balancing(2.0)
     assert balancing.to_prepare(False) is None
     with pytest.raises(ControlError, match='no parameters were received'):
-        balancing.begin()
+        balancing.begin(0.0)
     balancing.readiness = informed()
     assert balancing.to_prepare(False) is None
     with pytest.raises(ControlError, match='no sample was received on joint_states'):
-        balancing.begin()
+        balancing.begin(0.0)
     upright(balancing, 1.0)
     assert balancing.to_prepare(False)
     with pytest.raises(ControlError, match='being designed'):
-        balancing.begin()
+        balancing.begin(1.0)
     unsampled, other, limited = Readiness(2.0), informed(), informed()
     limited.board_limit = 0.0
     unsampled.offer(THETA)
@@ -93,13 +93,14 @@ def prepared(bounds=None, swing_up=1.9):
 
 
 def upright(balancing, t, now=None, effort=0.0):
-    return balancing.sample(t, t if now is None else now, (UPRIGHT + 0.01, 0.0), effort)
+    now = t if now is None else now
+    return balancing.sample(t, now - t, now, (UPRIGHT + 0.01, 0.0), effort)
 
 
 def running():
     balancing = prepared()
     assert upright(balancing, 1.0) is None
-    balancing.begin()
+    balancing.begin(1.0)
     assert upright(balancing, 1.005) == 0.0, 'no torque while arming'
     balancing.armed()
     assert upright(balancing, 1.010) != 0.0
@@ -129,13 +130,16 @@ def test_late_old_or_missing_samples_stop_the_balancer_for_good(spoil, words):
     assert message == f'stopped: {balancing.stopped}'
 
 
-def test_arming_times_out_if_the_bridge_does_not_answer():
+def test_arming_needs_samples_and_times_out_if_the_bridge_does_not_answer():
     balancing = prepared()
     upright(balancing, 1.0)
-    balancing.begin()
+    with pytest.raises(ControlError, match=r'no sample for 0\.500 s'):
+        balancing.begin(1.5)
+    balancing.begin(1.0)
     assert upright(balancing, 1.005) == 0.0
+    balancing.silence(3.9)
     with pytest.raises(ControlError, match='did not answer within 3 s'):
-        upright(balancing, 4.1)
+        balancing.silence(4.1)
 
 
 @pytest.mark.parametrize(
@@ -158,21 +162,21 @@ def test_parameters_received_while_moving_are_prepared_again_before_the_next_sta
     assert balancing.to_prepare(False) == wanted
     if balancing.plan is None:
         with pytest.raises(ControlError, match='being designed'):
-            balancing.begin()
+            balancing.begin(1.015)
     assert balancing.plan is None or balancing.plan.swing_up == 1.9, 'it must not start with an unsimulated plan'
     balancing.prepared(replace(planned(*wanted), swing_up=math.inf))
-    balancing.sample(1.02, 1.02, (-UPRIGHT, 0.0), 0.0)
+    balancing.sample(1.02, 0.0, 1.02, (-UPRIGHT, 0.0), 0.0)
     with pytest.raises(ControlError, match='do not swing this rig up'):
-        balancing.begin()
+        balancing.begin(1.02)
 
 
 def test_a_plan_prepared_while_arming_does_not_replace_the_simulated_one():
     balancing = prepared()
     simulated = balancing.plan
     upright(balancing, 1.0)
-    balancing.begin()
+    balancing.begin(1.0)
     with pytest.raises(ControlError, match='it is arming already'):
-        balancing.begin()
+        balancing.begin(1.0)
     balancing.prepared(planned(simulated.design.parameters, simulated.design.loop))
     balancing.armed()
     assert balancing.plan is simulated
@@ -183,11 +187,11 @@ def test_a_rig_that_cannot_be_swung_up_may_start_upright():
         (prepared(swing_up=math.inf), 'do not swing this rig up in simulation'),
         (prepared(SafetyLimits(swing_up=0.0)), 'swing_up_time is 0'),
     ):
-        balancing.sample(1.0, 1.0, (-UPRIGHT, 0.0), 0.0)
+        balancing.sample(1.0, 0.0, 1.0, (-UPRIGHT, 0.0), 0.0)
         with pytest.raises(ControlError, match=words):
-            balancing.begin()
+            balancing.begin(1.0)
         upright(balancing, 1.005)
-        balancing.begin()
+        balancing.begin(1.005)
         assert balancing.phase is Phase.ARMING
 
 

@@ -124,6 +124,26 @@ def test_a_failure_of_bridge_board_or_balancer_stops_the_motor_for_good(rig):
     assert stays_disarmed(rig), 'a restarted balancer must not arm by itself'
 
 
+def test_a_start_without_an_answer_of_the_bridge_is_refused_and_a_late_answer_moves_nothing(rig):
+    rig.start_board()
+    bridge = rig.start_bridge(*PATIENT)
+    # The clock of ROS stands still.
+    rig.start('balancer', *parameters(max_age=10.0, use_sim_time='true')).wait_for('waiting')
+    rig.publish()
+    rig.programs[-1].wait_for('prepared', 60.0)
+    client = rig.node.create_client(rig.trigger, '/balancer/start')
+    assert client.wait_for_service(30.0)
+    bridge.halt()
+    answer = client.call_async(rig.trigger.Request())
+    rig.until(answer.done)
+    assert not answer.result().success
+    assert answer.result().message == 'the bridge did not answer within 3 s whether it is armed; start again'
+    rig.until(lambda: rig.said() and rig.said()[-1].message == f'stopped: {answer.result().message}')
+    bridge.process.send_signal(signal.SIGCONT)
+    assert stays_disarmed(rig)
+    rig.until(lambda: not rig.node.count_publishers(EFFORT))
+
+
 def test_inputs_with_two_publishers_are_ignored_and_a_second_publisher_of_joint_states_stops_it(rig, stranger):
     def foreign_parameters():
         publisher = stranger.create_publisher(Float64MultiArray, PARAMS, LATCHED)
