@@ -64,6 +64,7 @@ class Balancer(SettingsNode):
         limits = SafetyLimits(s['max_shoulder'], s['max_elbow'], s['max_speed'], s['max_age'], s['swing_up_time'])
         self._balancing = Balancing(s['torque_limit'], None if s['motor_delay'] < 0 else s['motor_delay'], limits)
         self._worker = threading.Thread()
+        self._designed: tuple[tuple[Parameters, Loop], Plan | str] | None = None  # result of the worker
         self._driver = Driver(self)
         self._started = Future()  # the answer to ~/start
         # Only the newest sample: a torque for an older sample would be late.
@@ -193,24 +194,32 @@ class Balancer(SettingsNode):
             self._take_parameters()
             self._balancing.silence(time.monotonic())
         if not self._worker.is_alive():
+            self._take_design()
             before = self._balancing.obstacle
             wanted = self._balancing.to_prepare(self.get_parameter('accept_warn').value)
             if self._balancing.obstacle not in ('', before):
                 self.get_logger().warning(f'waiting: {self._balancing.obstacle}')
             if wanted is not None:
-                self._worker = threading.Thread(target=self._prepare, args=wanted, daemon=True)
+                idle = self._balancing.phase is Phase.IDLE
+                self._worker = threading.Thread(target=self._design, args=(wanted, idle), daemon=True)
                 self._worker.start()
 
-    def _prepare(self, parameters: Parameters, loop: Loop) -> None:
+    def _design(self, wanted: tuple[Parameters, Loop], idle: bool) -> None:
         try:
-            plan = Plan.make(parameters, loop, simulate_closed_loop=self._balancing.phase is Phase.IDLE)
+            self._designed = wanted, Plan.make(*wanted, simulate_closed_loop=idle)
         except Exception as error:
-            reason = explained(error)
-            self._balancing.not_prepared((parameters, loop), reason)
-            self.get_logger().error(f'the parameters cannot be used: {reason}')
-        else:
-            self._balancing.prepared(plan)
-            self.get_logger().info(f'prepared: {plan.summary()}')
+            self._designed = wanted, explained(error)
+
+    def _take_design(self) -> None:
+        """Use the result of the worker, in the thread of all other callbacks."""
+        if self._designed is not None:
+            (wanted, result), self._designed = self._designed, None
+            if isinstance(result, Plan):
+                self._balancing.prepared(result)
+                self.get_logger().info(f'prepared: {result.summary()}')
+            else:
+                self._balancing.not_prepared(wanted, result)
+                self.get_logger().error(f'the parameters cannot be used: {result}')
 
     @contextmanager
     def _stopping_on_error(self) -> Iterator[None]:
