@@ -120,9 +120,16 @@ class Driver:
             self.publisher.publish(Float64(data=torque))
 
     def release(self) -> Future:
-        """Command zero torque and disarm; return the future answer of the bridge."""
+        """Command zero torque and disarm; return the future answer of the bridge, which is logged if it fails."""
         self.effort(0.0)
-        return self.disarm.call_async(Trigger.Request())
+        future = self.disarm.call_async(Trigger.Request())
+        future.add_done_callback(self._on_disarmed)
+        return future
+
+    def _on_disarmed(self, future: Future) -> None:
+        answer = future.result()
+        if not answer.success:
+            self._node.get_logger().error(f'{self.bridge}: {answer.message}')
 
     def release_and_wait(self) -> None:
         """Command zero torque and disarm; wait at most a second for the answer of the bridge."""

@@ -8,9 +8,10 @@ import signal
 import pytest
 
 from benchmarks.faults.bridge import running_rig
+from test.nodes.conftest import PULSES
 from test.nodes.observer import Observer
-from test.processes import Program
-from test.rig import ARMED, WATCHDOG
+from test.processes import Program, parameters
+from test.rig import ARMED, ENDLESS, WATCHDOG
 
 pytestmark = pytest.mark.ros
 
@@ -53,6 +54,16 @@ def test_disarmed_is_answered_only_after_the_board_confirms_it(tmp_path, ros):
         r.tap.cut.add('to_host')
         r.until(lambda: r.diagnosed(2, 'no valid sample arrives from the board'))
         assert r.call('disarm').message == 'no board to disarm: no valid sample arrives from the board'
+
+
+def test_an_exciter_that_ends_says_that_the_board_does_not_confirm_the_disarming(tmp_path, ros):
+    patient = 'watchdog_ms:=5000', 'command_timeout:=1.0'
+    with running_rig(tmp_path / 'rig', *ENDLESS, bridge=patient, tapped=True) as r:
+        exciter = r.start('exciter', *parameters(arm='true', **PULSES))
+        exciter.wait_for('exciting')
+        r.tap.cut.add('to_board')
+        assert exciter.stop() == 0
+        exciter.wait_for('/bridge: the board does not confirm that it is disarmed: press the emergency stop')
 
 
 #: A bridge in which a method fails as soon as the motor is armed.
