@@ -132,10 +132,15 @@ class Player(SettingsNode):
         return set(self.resolved(s['topics'], only_expand=True))
 
     def _chosen(self, wanted: set[str]) -> dict[str, str]:
-        """Return the types of the topics to play, by their names in the bag, or raise BagError if one is missing."""
+        """Return the types of the topics to play, by their names in the bag.
+
+        Raises:
+            BagError: a topic is missing, or two have the same name in this node's namespace.
+        """
         recorded = {name: kind for name, (kind, count) in self._reader.topics.items() if count}
         if wanted:
-            chosen = {name: kind for name, kind in recorded.items() if {name, self._published(name)} & wanted}
+            other = wanted - recorded.keys()  # names in this node's namespace
+            chosen = {n: kind for n, kind in recorded.items() if n in wanted or self._published(n) in other}
         else:
             wanted = {'any topic except effort commands'}
             chosen = {name: kind for name, kind in recorded.items() if kind != COMMAND}
@@ -144,6 +149,10 @@ class Player(SettingsNode):
         if len(chosen) < len(wanted):
             missing = ', '.join(sorted(wanted))
             raise BagError(f'{self._reader.path} has no messages on {missing}; its topics are {", ".join(recorded)}')
+        names = {self._published(name): name for name in chosen}
+        if alike := [name for name in chosen if name not in names.values()]:
+            topic = self._published(alike[0])
+            raise BagError(f'{alike[0]} and {names[topic]} would both be played as {topic}; name one of them in topics')
         return chosen
 
     def _published(self, name: str) -> str:

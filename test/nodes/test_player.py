@@ -146,3 +146,20 @@ def test_effort_commands_are_played_only_on_request_and_all_topics_in_the_namesp
     assert f'{COMMAND} would move an armed rig; name it in topics to play it' in output
     counts, _ = played('-r', '__ns:=/lab1', topics=f'[states, {COMMAND[1:]}]')
     assert counts == {'/lab1/states': 1, f'/lab1{COMMAND}': 50}
+
+
+def test_topics_of_two_rigs_with_the_same_name_in_the_namespace_are_not_mixed(tmp_path, node):
+    path, received = tmp_path / 'bag', []
+    with BagWriter(path) as writer:
+        for k, topic in enumerate(('/states', '/lab1/states')):
+            state = encode_joint_state(START, ('a', 'b'), [k, 0], [], [0.5, 0])
+            writer.write(writer.add_topic(topic, JOINT_STATE), state, START)
+    node.create_subscription(JointState, '/lab1/states', lambda m: received.append(m.position[0]), 100)
+    for topics, positions in (([''], []), (['/states'], [0]), (['states'], [1]), (['/lab1/states'], [1])):
+        received.clear()
+        with Program('player', *parameters(bag=path, wait=10.0, topics=topics), '-r', '__ns:=/lab1') as program:
+            assert spin_until(node, lambda: program.process.poll() is not None, 20.0)
+            spin_until(node, lambda: received, 0.5)
+            assert received == positions, program.output
+        if not positions:
+            program.wait_for('/lab1/states and /states would both be played as /lab1/states; name one of them in')
