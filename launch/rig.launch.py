@@ -8,8 +8,10 @@ ros2 launch pendubot_identification rig.launch.py bridge:=bridge.yaml excitation
 """
 
 import os
+from pathlib import Path
 
 from pendubot_identification.errors import ParameterError
+from pendubot_identification.excitation.excitation import DURATION, PulseTrain, read_exciter
 from pendubot_identification.files import refuse_untaken
 from pendubot_identification.launching import Program, described, launch_file
 from pendubot_identification.resources import resource
@@ -50,19 +52,23 @@ def start(args):
         link['confirm_zeros'] = False  # the zeros of a virtual board are exact
     waiting = {} if args['autostart'] else {'autostart': False}
     recording = {'output': args['output'], **waiting, **args.get('recorder', {})}
-    train = {
-        'duration': args['duration'],
-        'amplitude_min': -abs(args['amplitude']),
-        'amplitude_max': abs(args['amplitude']),
-        'seed': args['seed'],
-    }
+    excitation = file('exciter', 'excitation')
+    if args['excitation']:
+        read_exciter(Path(excitation))  # refuses invalid values
+        train = {}
+    else:
+        amplitude = abs(args['amplitude'])
+        train = {'amplitude_min': -amplitude, 'amplitude_max': amplitude, 'seed': args['seed']}
+        PulseTrain(**train)  # refuses invalid values, too
+        DURATION.check(args['duration'])
+        train['duration'] = args['duration']
     patient = ('--patient',) if args.get('patient') else ()
-    moving = {'arm': args['arm'], 'recorded': True} | ({} if args['excitation'] else train)
+    moving = {'arm': args['arm'], 'recorded': True} | train
     return [
         *([Program('virtual_board', arguments=('--link', port, *patient))] if args['virtual'] else []),
         Program('bridge', (file('bridge', 'bridge'), link | waiting)),
         Program('recorder', (str(resource('config/recorder.yaml')), recording)),
-        Program('exciter', (file('exciter', 'excitation'), moving)),
+        Program('exciter', (excitation, moving)),
         *VIEW['start'](args),
     ]
 

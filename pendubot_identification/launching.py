@@ -8,6 +8,7 @@ and all programs before it returns the nodes to start.
 """
 
 import os
+import re
 import runpy
 import signal
 from collections.abc import Callable, Mapping, Sequence
@@ -146,16 +147,22 @@ def plan(
     values = {name: _value(name, texts[name], default) for name, (default, _) in {**arguments, **COMMON}.items()}
     if values['discovery'] not in RANGES:
         raise ParameterError(f'discovery is {values["discovery"]}; one of {", ".join(RANGES)} is expected')
-    # Like launch_ros: a namespace without / is relative to the namespace of the including file.
+    # Like in launch_ros, a namespace without / is relative to the namespace of the including file.
     above = '' if values['namespace'].startswith('/') else texts.get('ros_namespace', '')
-    values['namespace'] = ''.join(f'/{part}' for part in f'{above}/{values["namespace"]}'.split('/') if part)
+    parts = [part for part in f'{above}/{values["namespace"]}'.split('/') if part]
+    values['namespace'] = ''.join(f'/{part}' for part in parts)
+    if not re.fullmatch(r'(/[A-Za-z_]\w*)*', values['namespace'], re.ASCII):
+        raise ParameterError(
+            f'namespace is {values["namespace"]}; names of letters, digits and _, without a digit first, are expected, '
+            'such as /lab1'
+        )
     environment = {RANGE: values['discovery']}
     if values['discovery'] == 'LOCALHOST' and not any(os.environ.get(name) for name in PROFILES):
         environment |= dict.fromkeys(PROFILES, str(resource('config/this_machine.xml')))
-    return [_node(program, texts, environment) for program in start(values)]
+    return [_node(program, values['namespace'], texts, environment) for program in start(values)]
 
 
-def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str]) -> dict[str, Any]:
+def _node(program: Program, namespace: str, texts: Mapping[str, str], environment: dict[str, str]) -> dict[str, Any]:
     """Return the arguments of ``launch_ros.actions.Node`` for a program; refuse a program that is not installed."""
     if not is_installed(program.package, f'lib/{program.package}/{program.name}'):
         raise ParameterError(f'{program.name} is not installed; {program.remedy}')
@@ -163,7 +170,7 @@ def _node(program: Program, texts: Mapping[str, str], environment: dict[str, str
         'package': program.package,
         'executable': program.name,
         'exec_name': program.name,
-        'namespace': texts['namespace'],
+        'namespace': namespace,
         'output': 'screen',
         'parameters': program.parameters,
         'arguments': program.arguments,

@@ -105,7 +105,7 @@ def test_a_launch_file_starts_programs_with_existing_parameters_on_this_machine_
         assert started[program].name == program, 'the file must apply to this node'
     assert {(each.namespace, each.additional_env[RANGE]) for each in started.values()} == {('', 'LOCALHOST')}
     started = launch(name, namespace='lab1', discovery='SUBNET', **NEEDED[name]).values()
-    assert {(each.namespace, each.additional_env[RANGE]) for each in started} == {('lab1', 'SUBNET')}
+    assert {(each.namespace, each.additional_env[RANGE]) for each in started} == {('/lab1', 'SUBNET')}
 
 
 @pytest.mark.usefixtures('unset')
@@ -130,6 +130,10 @@ def test_other_machines_are_excluded_except_on_request_or_with_a_users_profile(m
     ('name', 'arguments', 'missing', 'message'),
     [
         ('rig', {'amplitude': 'nan'}, None, 'amplitude is nan; a number is expected'),
+        ('rig', {'amplitude': '0'}, None, 'amplitude_min -0 is not below amplitude_max 0; give the smaller torque'),
+        ('rig', {'duration': '-1'}, None, 'duration is -1.0; a number from 0 to 86400 s is expected'),
+        ('rig', {'seed': '-1'}, None, 'seed is -1; a whole number from 0 to 2147483647 is expected'),
+        ('rig', {'namespace': 'lab/2'}, None, 'namespace is /lab/2; names of letters, digits and _, without'),
         ('rig', {'arm': ''}, None, 'arm is empty; true or false is expected'),
         ('rig', {'discovery': 'MOON'}, None, 'discovery is MOON; one of LOCALHOST, SUBNET, SYSTEM_DEFAULT is expected'),
         ('rig', {'bridge': '/no.yaml'}, None, 'bridge is /no.yaml, and there is no such file; name a'),
@@ -161,6 +165,7 @@ def test_invalid_arguments_and_missing_programs_are_refused(packages, name, argu
     [
         ('bridge', 'bridge', '', '', ''),
         ('excitation', 'exciter', '', 'lab1', '/lab1'),
+        ('excitation', 'exciter', '', '/lab1/', '/lab1'),
         # A relative namespace is below that of the including file.
         ('bridge', 'bridge', '/hall', '', '/hall'),
         ('excitation', 'exciter', '/hall', 'lab1', '/hall/lab1'),
@@ -176,11 +181,18 @@ def test_a_parameter_file_without_parameters_for_the_node_is_refused(
     for name in (node, f'/**/{program}'):
         file.write_text(yaml.safe_dump({name: {'ros__parameters': {'seed': 1}}}))
         started = launch('rig', **given)[program]
-        assert (started.namespace, str(file) in started.parameters) == (namespace, True)
+        assert (started.namespace, str(file) in started.parameters) == (place, True)
     file.write_text(yaml.safe_dump({f'/lab2/{program}': {'ros__parameters': {'seed': 1}}}))
     message = f'{file} has no effect: it contains parameters of /lab2/{program}, and none of {node}; name {node}'
     with pytest.raises(ParameterError, match=re.escape(f'{message} in it, or /**/{program} for')):
         launch('rig', **given)
+
+
+def test_a_parameter_file_of_the_exciter_with_an_invalid_value_is_refused(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('/**/exciter: {ros__parameters: {width: 2.0}}')
+    with pytest.raises(ParameterError, match=f'{file}: width is 2.0; a number from 0.001 to 1 is expected'):
+        launch('rig', excitation=str(file))
 
 
 #: A user's parameter file.
