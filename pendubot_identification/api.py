@@ -40,7 +40,7 @@ from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
 from .recordings.datasets import Datasets, divided, load_datasets, windows_of
 from .recordings.survey import Inspection, inspect_recording
-from .recordings.table_reader import TableReader, elapsed
+from .recordings.table_reader import TableReader, are_dates, elapsed
 from .recordings.tables import of_frame
 from .results import comparison
 from .results.checks import Finding, check_recordings
@@ -282,7 +282,8 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
         for name, rows in (('q', q), ('qd', qd)):
             if rows is not None and (t.ndim != 1 or rows.shape != (len(t), 2)):
                 raise ParameterError(f't has shape {t.shape} and {name} {rows.shape}; (N,) and (N, 2) are expected')
-        motion = conversion.motion((t - t[:1]) * conversion.seconds, q, _torques(t, tau), qd, 'arrays')
+        second = 1.0 if are_dates(recording.t) else conversion.seconds
+        motion = conversion.motion((t - t[:1]) * second, q, _torques(t, tau), qd, 'arrays')
     elif not (hasattr(recording, 'iloc') and hasattr(recording, 'columns')):
         raise ParameterError(f'{type(recording).__name__} was given; {KINDS}')
     else:

@@ -71,7 +71,7 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
     np.testing.assert_allclose(read(frame, columns=columns, **units).q, motion.q, atol=1e-12)
     for again in (
         identify(motion, **FAST, progress=lambda stage, done, of, best: stages.add(stage)),
-        identify(t=dates, q=degrees.tolist(), tau=milli.tolist(), **units, **FAST),
+        identify(t=dates, q=degrees.tolist(), tau=milli.tolist(), time_unit='ns', **units, **FAST),
         identify(frame.set_index('t'), columns=columns, **units, **FAST),
         identify(motion[:900], validate=motion[900:], **FAST),
     ):

@@ -164,7 +164,9 @@ class TableReader:
         kept = np.logical_and.reduce([np.isfinite(numbers) for numbers in given.values()])
         if not kept.any():
             raise TableError(f'{self.path} holds no row of numbers; export the recording again')
-        t = given['t'][kept] * conversion.seconds
+        dated = are_dates(self._cells(self.taken['t']))
+        second = 1.0 if dated else conversion.seconds
+        t = given['t'][kept] * second
         if t[0] > SETTINGS.since_1970:
             t = np.round(t - t[0], 6)  # a float has no more digits of such a time
         new, self.note = without_repeats(t, str(self.path))
@@ -194,16 +196,16 @@ class TableReader:
         motion = conversion.motion(t, q, tau, qd, str(self.path))
         if len(t) > 1 and motion.interval > SETTINGS.longest_interval * (1 + 1e-6):
             apart = f'{self.path}: its rows are {motion.interval:g} s apart, above {SETTINGS.longest_interval:g} s'
-            units = {unit: motion.interval / conversion.seconds * size for unit, size in TIME_UNITS.items()}
+            units = {unit: motion.interval / second * size for unit, size in TIME_UNITS.items()}
             unit = min(units, key=lambda each: abs(math.log(units[each] / SETTINGS.usual_interval)))
-            if unit == conversion.time_unit:
+            if dated or unit == conversion.time_unit:
                 raise TableError(f'{apart}: record at a higher rate')
             raise TableError(f'{apart}: its times may be in {unit}: add --time-unit {unit}', time_unit=unit)
         return motion
 
     def _numbers(self, column: str) -> Array:
         """Return a column as numbers, shape (N,); with ``skip_missing``, NaN for other cells, else TableError."""
-        cells = self.table.cells[self.table.names.index(column)]
+        cells = self._cells(column)
         numbers = _numbers(cells, comma=self.given.decimal == 'comma')
         bad = np.flatnonzero(~np.isfinite(numbers))
         if self.given.skip_missing or not bad.size:
@@ -219,6 +221,9 @@ class TableReader:
             '--skip-missing',
             skip_missing='true',
         )
+
+    def _cells(self, column: str) -> Any:
+        return self.table.cells[self.table.names.index(column)]
 
     def _where(self, k: int) -> str:
         """Return the place of row k in the file."""
@@ -254,10 +259,24 @@ def elapsed(times: NDArray[Any]) -> Array:
     return np.asarray((times - np.fmin.reduce(times, axis=None, initial=missing)) / np.timedelta64(1, 's'))
 
 
+def are_dates(cells: Any) -> bool:
+    """Return whether cells hold dates, durations or times of day, which are in seconds with any unit of time."""
+    if not isinstance(cells, tuple):
+        cells = np.asarray(cells)
+        if cells.dtype.kind in 'biufmM':
+            return cells.dtype.kind in 'mM'
+    return any(_number(text) == _date(text) for text in map(str, cells))
+
+
 def _number(cell: str) -> float:
-    """Return a cell as a number: a date in ISO 8601 in seconds since 1970, a time of day in seconds; else NaN."""
+    """Return a cell as a number, or as :func:`_date`."""
     with suppress(ValueError):
         return float(cell)
+    return _date(cell)
+
+
+def _date(cell: str) -> float:
+    """Return a date in ISO 8601 in seconds since 1970, or a time of day in seconds; NaN for another text."""
     with suppress(ValueError):
         date = datetime.fromisoformat(cell.strip().replace('Z', '+00:00'))
         return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp()

@@ -77,6 +77,7 @@ def dates(columns, how='%Y-%m-%dT%H:%M:%S.%f'):
 DEGREES = {'q1': lambda c: np.degrees(c['q1']), 'q2': lambda c: np.degrees(c['q2'])}
 ALL_UNITS = DEGREES | {'t': lambda c: 1000 * c['t'], 'tau1': lambda c: 1000 * c['tau1']}
 WRAPPED = DEGREES | {'q1': lambda c: (np.degrees(c['q1']) + 115) % 360 - 115}
+MISSING = {'skip_missing': 'true'}
 NAMED = 't=c1,q1=c2,q2=c3,tau1=c4'
 #: By file name: function that writes the file, changes of the columns, and the options that the messages name.
 FILES = {
@@ -89,7 +90,7 @@ FILES = {
     'a separator behind a row.csv': (text(lines=lambda lines: [*lines[:9], f'{lines[9]},', *lines[10:]]), {}, {}),
     'a separator behind every row.csv': (text(lines=lambda lines: [f'{line},' for line in lines]), {}, {}),
     'empty rows.csv': (text(lines=lambda lines: [*lines, '', ',,,']), {}, {}),
-    'missing rows.csv': (text(lines=with_missing_rows), {}, {'skip_missing': 'true'}),
+    'missing rows.csv': (text(lines=with_missing_rows), {}, MISSING),
     'other names.tsv': (text('Time', 'theta1', 'theta2', 'u', sep='\t'), {}, {}),
     'names of four languages.csv': (text('Zeit [s]', 'angle épaule', 'ángulo codo', '力矩'), {}, {}),
     'no usual names.csv': (text('c1', 'c2', 'c3', 'c4'), {}, {'columns': NAMED}),
@@ -116,6 +117,7 @@ FILES = {
         {'t': lambda c: pandas.to_datetime(dates(c) + 'Z')},
         {},
     ),
+    'dates under a unit.csv': (text('t [ms]', 'q1', 'q2', 'tau1', lines=with_missing_rows), {'t': dates}, MISSING),
     'seconds since 1970.csv': (text(), {'t': lambda c: 1.7e9 + c['t']}, {}),
     'repeated times.csv': (text(lines=repeated), {}, {}),
     'wrapped degrees.csv': (text(), WRAPPED, {'unwrap': 'true', 'degrees': 'true'}),

@@ -83,6 +83,7 @@ def test_an_invalid_cell_after_many_rows_is_found(written):
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
         (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*: record at a higher rate'),
+        (MINIMAL + '10:00:00.0,1,2,3\n10:00:05.0,1,2,3\n', r'rows are 5 s apart.*: record at a higher rate'),
         (TEXT.splitlines()[0], 'holds no row of numbers'),
         (
             TEXT.replace('q1', 'q1 [deg]').replace('q2', 'q2 [rad]'),
@@ -200,7 +201,7 @@ def test_the_index_of_a_frame_is_a_column(tmp_path):
 def test_dates_of_numpy_are_times(tmp_path):
     t = np.datetime64('2026-11-27T12:00', 'ns') + np.arange(9) * np.timedelta64(10, 'ms')
     np.savez(tmp_path / 'x.npz', t=t, q=np.ones((9, 2)), tau1=np.ones(9))
-    np.testing.assert_allclose(read(tmp_path / 'x.npz').t, np.arange(9) / 100)
+    np.testing.assert_allclose(read(tmp_path / 'x.npz', time_unit='ms').t, np.arange(9) / 100)
 
 
 def test_a_missing_package_is_reported_with_the_command_that_installs_it(tmp_path, monkeypatch):
