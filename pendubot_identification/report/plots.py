@@ -36,6 +36,7 @@ from pendubot_identification.results.provenance import hold, settings
 from pendubot_identification.results.result import Result, theta_of
 from pendubot_identification.tracking.events import Change, Event, State
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
+from pendubot_identification.trajectories.conversion import Affine
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
@@ -213,7 +214,8 @@ class Prepared:
         Raises:
             TrajectoryError: a recording is shorter than a test function.
         """
-        model, delay, motions = self.result.model, self.result.effort.delay, self.estimating
+        model, delay = self.result.model, self.result.effort.delay
+        motions = self._without_zeros(self.result.criterion)
         rows = [weak_regression(m, model, delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
         times = [r.t[::3] for r in rows]
         parts = [(r.y - r.phi @ self.theta).reshape(-1, 3)[:, :2] for r in rows]
@@ -272,7 +274,8 @@ class Prepared:
             The names of C channels; their unit; the lag [s] below which residuals share data, so that they are always
             correlated; the times of each recording, shape (N,); its residuals, shape (N, C).
         """
-        motions, asked, answer = self.estimating, settings(self.result), self.result.criteria[criterion]
+        asked, answer = settings(self.result), self.result.criteria[criterion]
+        motions = self._without_zeros(criterion)
         theta = theta_of(answer.parameters).vector(self.result.model)
         if criterion == 'likelihood':
             fitted = with_fitted_noise(motions, theta, answer.effort.delay, asked)
@@ -286,6 +289,12 @@ class Prepared:
         rows = linear(criterion, motions, self.result.model, asked).residuals
         parts = [(r.y - r.phi @ theta).reshape(-1, len(names)) for r in rows]
         return names, unit, overlap, [r.t[:: len(names)] for r in rows], parts
+
+    def _without_zeros(self, criterion: str) -> list[Motion]:
+        """Return the training motions with true angles, by the zeros that a criterion has estimated."""
+        zeros = [np.radians([zero.q1 or 0.0, zero.q2 or 0.0]) for zero in self.result.criteria[criterion].zeros]
+        zeros += [np.zeros(2)] * (len(self.estimating) - len(zeros))
+        return [m.changed(Affine.of(c=-zero)) for m, zero in zip(self.estimating, zeros, strict=False)]
 
 
 def _recording(motion: Trajectory) -> str:

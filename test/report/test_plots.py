@@ -15,13 +15,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.criteria.prediction_error import STEP
+from pendubot_identification.identification.pipeline import identify
+from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.report import plots
 from pendubot_identification.report.time_plot import Line, TimePlot, panel, thinned
+from pendubot_identification.results.computation import assemble_result
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.identified import SAMPLE, made, plain
+from test.identified import SAMPLE, SOURCE, made, plain
 from test.identified import result as typed
 from test.virtual import recording
 
@@ -68,6 +71,17 @@ def test_residuals_agree_with_J_and_innovations_are_white_with_unit_variance():
     correlation, _ = drawn['whiteness_likelihood'].content.axes
     band = NORMAL_95 / math.sqrt(len(innovations['t']))
     assert all((np.abs(curve.get_ydata()[1:]) < 1.5 * band).mean() > 0.85 for curve in correlation.lines)
+
+
+def test_residuals_contain_no_errors_of_the_zeros():
+    exact = recording()
+    motion = replace(exact, q=exact.q + np.radians([0.6, -0.4]))
+    found = identify([motion], [], Settings(('likelihood',), 'viscous'))
+    drawn = pictures(assemble_result(found, [SOURCE]), [motion])
+    (innovations,), torques = lines(drawn['residuals_likelihood']), lines(drawn['torque_left'])
+    assert (np.abs(innovations.mean(axis=1)) < 0.2).all()
+    # With the errors of the zeros, 0.002 N m of the shoulder.
+    assert all(np.sqrt((torque**2).mean()) < 3e-4 for torque in torques)
 
 
 def test_the_simulation_is_a_rollout_from_measured_states_with_the_recorded_torque():
