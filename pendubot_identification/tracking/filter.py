@@ -182,10 +182,13 @@ class StepChange(NamedTuple):
     ratio: float
 
     @classmethod
-    def of(cls, kind: ChangeType, innovations: Innovations) -> StepChange:
-        """Return the most likely step of a type."""
+    def of(cls, kind: ChangeType, innovations: Innovations, scale: Array) -> StepChange:
+        """Return the most likely step of a type, for unknowns of the size of ``scale``, shape (D,)."""
         phi = innovations.regressor @ kind.directions
-        inverse = np.linalg.pinv(phi, rcond=1e-9)
+        left, singular, right = np.linalg.svd(phi, full_matrices=False)
+        # Without torque, all columns of a type may be rounding errors: compare them with all unknowns.
+        visible = singular > 1e-9 * np.linalg.norm(innovations.regressor * scale)
+        inverse = right[visible].T / singular[visible] @ left[:, visible].T
         size, to_step = inverse @ innovations.innovation, kind.directions @ inverse
         ratio = innovations.ratio - float(np.square(innovations.innovation - phi @ size).sum())
         return cls(kind, kind.directions @ size, np.sqrt((to_step**2).sum(axis=1)), ratio)
@@ -209,7 +212,7 @@ def most_likely_step(innovations: Innovations, names: Sequence[str], x: Array, s
     """Return the possible step of the unknowns x, shape (D,), that the Bayesian information criterion prefers."""
     penalty = max(1.0, innovations.residual) * math.log(innovations.number)
     unexplained = max(penalty * len(x), UNEXPLAINED * innovations.ratio)
-    steps = (StepChange.of(kind, innovations) for kind in change_types(names, x, scale))
+    steps = (StepChange.of(kind, innovations, scale) for kind in change_types(names, x, scale))
     return max(
         (step for step in steps if innovations.ratio - step.ratio <= unexplained and step.possible(x, scale)),
         key=lambda step: step.ratio - penalty * step.kind.directions.shape[1],

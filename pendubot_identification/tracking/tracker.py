@@ -192,7 +192,7 @@ def start_following(motion: Trajectory, start: Start, bounds: Bounds, settings: 
     worse = float(pooled(known.mean[:-1]) / pooled(x))
     if innovations.ratio <= gate if segment.whitened else worse <= settings.rejected:
         return following.after(known, motion.t[0])
-    step = StepChange.of(ChangeType(NOT_AS_BEFORE, np.diag(scale)), innovations)
+    step = StepChange.of(ChangeType(NOT_AS_BEFORE, np.diag(scale)), innovations, scale)
     changed = step.significant(following.names) if step.possible(known.mean, scale) else {}
     return replace(following, events=(Change(-math.inf, blocks[0].begin, NOT_AS_BEFORE, changed),))
 
