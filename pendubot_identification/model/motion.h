@@ -29,6 +29,7 @@
 #define BLOCK 8 /* lanes of one part of the work: a multiple of LANES */
 typedef double vec __attribute__((vector_size(8 * LANES)));
 typedef int64_t ints __attribute__((vector_size(8 * LANES)));
+typedef uint64_t bits __attribute__((vector_size(8 * LANES))); /* of sums, which may overflow for NaN */
 
 INLINE vec all(double x) { return x - (vec){}; }
 INLINE vec either(ints mask, vec a, vec b) { return (vec)((mask & (ints)a) | (~mask & (ints)b)); }
@@ -44,7 +45,7 @@ INLINE vec magnitude(vec x) { return (vec)((ints)x & INT64_MAX); }
 INLINE void sine_cosine(vec x, vec *sine, vec *cosine)
 {
     vec shifted = x * 6.36619772367581382433e-01 + WHOLE, k = shifted - WHOLE;
-    ints quadrant = (ints)shifted;
+    bits quadrant = (bits)shifted;
     vec r = ((x - k * 1.57079632673412561417e+00) - k * 6.07710050630396597660e-11) - k * 2.02226624879595063154e-21;
     vec z = r * r;
     vec z2 = z * z, z4 = z2 * z2;
@@ -54,9 +55,10 @@ INLINE void sine_cosine(vec x, vec *sine, vec *cosine)
     vec c = 1.0 - (0.5 * z - z2 * ((4.16666666666666019037e-02 + z * -1.38888888888741095749e-03)
         + z2 * (2.48015872894767294178e-05 + z * -2.75573143513906633035e-07)
         + z4 * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)));
-    ints odd = -(quadrant & 1), lost = ~(magnitude(x) <= FARTHEST);
-    *sine = (vec)(((ints)either(odd, c, s) ^ ((quadrant & 2) << 62)) | lost);
-    *cosine = (vec)(((ints)either(odd, s, c) ^ (((quadrant + 1) & 2) << 62)) | lost);
+    ints odd = -(ints)(quadrant & 1);
+    bits lost = (bits) ~(magnitude(x) <= FARTHEST);
+    *sine = (vec)(((bits)either(odd, c, s) ^ ((quadrant & 2) << 62)) | lost);
+    *cosine = (vec)(((bits)either(odd, s, c) ^ (((quadrant + 1) & 2) << 62)) | lost);
 }
 
 /* e^x - 1 = scale * (e^r - 1) + (scale - 1), scale a power of two; x from -700 to 700 or NaN. */
@@ -75,7 +77,7 @@ INLINE vec exp_minus_1(vec x)
     }
     vec p = (pair[0] + r2 * pair[1]) + r4 * ((pair[2] + r2 * pair[3]) + r4 * (pair[4] + r2 * pair[5]));
     p = r + r2 * p;
-    vec scale = (vec)(((ints)shifted + 1023) << 52);
+    vec scale = (vec)(((bits)shifted + 1023) << 52);
     return scale * p + (scale - 1.0);
 }
 
