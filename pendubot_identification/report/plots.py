@@ -27,6 +27,7 @@ from scipy.stats import binned_statistic
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import HORIZONS, LOST, STEP, Simulations, state_scale
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identification.effects import DetectedEffect, catalogue, compensated
 from pendubot_identification.identification.fitting import linear, with_fitted_noise
 from pendubot_identification.level import NORMAL_95
@@ -330,6 +331,10 @@ def _worst_part(
     """
     margin = max(abs(delay), 1e-9)
     longest = max(m.end - m.start - m.interval for m in motions) - 2 * margin
+    if longest < STEP:
+        raise TrajectoryError(
+            f'{motions[0].name}: it is too short for a simulation with a delay of {delay:g} s; give a longer recording'
+        )
     ahead = STEP * int(min(AHEAD, longest) / STEP)
     candidates = []
     for motion in (m for m in motions if m.end - m.start - 2 * margin >= ahead):

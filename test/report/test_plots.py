@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pendubot_identification.criteria.prediction_error import STEP
+from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95
@@ -114,6 +115,14 @@ def test_the_part_of_long_recordings_with_the_largest_error_is_shown():
     assert picture.about == {'validation': False, 'ahead': 1.0, 'part': 'b'}
     t = np.array(picture.content.panels[0]['t']) - first.t[-1]
     assert t[0] < 25 < 27 < t[-1] <= t[0] + plots.SHOWN
+
+
+def test_a_recording_that_is_too_short_for_a_simulation_is_named():
+    result = made()
+    late = replace(result, effort=replace(result.effort, delay=0.25))
+    short = replace(swing()[400:451], name='short')
+    with pytest.raises(TrajectoryError, match='short: it is too short for a simulation with a delay of'):
+        plots.Prepared.of(late, [swing()[:400]], [short]).simulation()
 
 
 @pytest.mark.filterwarnings('error')
