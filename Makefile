@@ -59,7 +59,7 @@ sample-bag: $(VENV)/.ros
 	rm -rf bags/paper_experiment
 	cp -r build/sample/paper_experiment bags/
 
-$(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/*.c)
+$(VENV)/.ros: setup.py .ci/constraints.txt $(wildcard pendubot_identification/*/*.[ch])
 	@echo "Setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PIP) --editable '.[$(EXTRAS)]'
