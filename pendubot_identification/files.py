@@ -23,8 +23,8 @@ from pendubot_identification.errors import MissingFileError, ParameterError, Pen
 OVERWRITE = 'overwrite it by --force (in Python overwrite=True, in ROS force:=true)'
 
 
-def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultError) -> Any:
-    """Return the content of a YAML file.
+def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultError, *, texts: bool = False) -> Any:
+    """Return the content of a YAML file, with ``texts`` all values as texts: to YAML 0:0.02 is a number of base 60.
 
     Raises:
         MissingFileError: there is no such file.
@@ -34,7 +34,8 @@ def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultEr
 
     try:
         # The libyaml loader, if it is available, is seven times as fast.
-        return yaml.load(path.read_text(encoding='utf-8'), Loader=getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
+        loader = 'BaseLoader' if texts else 'SafeLoader'
+        return yaml.load(path.read_text(encoding='utf-8'), Loader=getattr(yaml, f'C{loader}', getattr(yaml, loader)))
     except FileNotFoundError as error:
         raise MissingFileError(f'there is no file {path}; {expected}') from error
     except OSError as error:

@@ -34,9 +34,8 @@ def run_identify(args: argparse.Namespace) -> int:
     """Identify a rig, and print and write the result."""
     with wrong_usage():
         options = given_options(args, (*OPTIONS, APPLY_REMEDIES, *CONVERSION))
-        start, apply_remedies = options.get('start'), options.pop('apply_remedies', False)
-        if not isinstance(apply_remedies, bool):
-            raise APPLY_REMEDIES.refusal(apply_remedies)
+        apply_remedies = APPLY_REMEDIES.parse(options.pop('apply_remedies', False))
+        start = Path(str(options['start'])) if 'start' in options else None
         settings = _settings(args, options)
         bags = [window.path for window in windows_of([*args.bags, *args.validate], settings.reading)]
     if args.check:
@@ -45,9 +44,9 @@ def run_identify(args: argparse.Namespace) -> int:
         return _check(args, settings)
     for target in (args.output, args.report and args.report / 'result.yaml'):
         if target is not None:
-            refuse_input(target, [*bags, start and Path(start), args.settings])
+            refuse_input(target, [*bags, start, args.settings])
     if start is not None:
-        settings = replace(settings, start=read_result(Path(start)).theta)
+        settings = replace(settings, start=read_result(start).theta)
     with nullcontext() if args.report is None else OutputFolder(args.report, overwrite=args.force) as folder:
         if args.output is not None:
             refuse_unwritable(args.output, overwrite=args.force)

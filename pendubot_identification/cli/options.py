@@ -38,7 +38,7 @@ def conversion_of(args: argparse.Namespace) -> Conversion:
 
 def _read_settings(path: Path) -> dict[str, Any]:
     """Return the options in a YAML file; from a result, the options of its conversion of recordings."""
-    content = read_yaml(path, 'name a file with options, or a result', ParameterError)
+    content = read_yaml(path, 'name a file with options, or a result', ParameterError, texts=True)
     if isinstance(content, dict) and 'schema' in content:
         content = content.get('reading', {})
     if not isinstance(content, dict):
@@ -47,4 +47,4 @@ def _read_settings(path: Path) -> dict[str, Any]:
     known = [option.name for option in (*OPTIONS, APPLY_REMEDIES, *CONVERSION)]
     if unknown := [name for name in named if name not in known]:
         raise ParameterError(f'{path}: there is no option {unknown[0]!r}; the options are {", ".join(known)}')
-    return named
+    return {name: value for name, value in named.items() if value}  # not the empty ones

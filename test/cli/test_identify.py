@@ -67,6 +67,12 @@ def test_options_come_from_the_line_and_a_settings_file_and_json_prints_the_resu
     assert run(*command, '--fail-on', 'warn')[0] == 3
 
 
+def test_an_interval_in_a_settings_file_is_no_number_of_base_60(run, inputs, tmp_path):
+    (tmp_path / 'lab.yaml').write_text('delay: 0:0.02\n')
+    command = ('identify', f'{inputs / "swing"}@0:4', *WEAK, '--settings', tmp_path / 'lab.yaml', '--json')
+    assert json.loads(run(*command)[1])['made_by']['delays'] == [0.0, 0.02]
+
+
 @pytest.mark.parametrize(('criterion', 'tolerance'), [('energy', 1e-4), ('weak', 0.05), ('likelihood', 1e-3)])
 def test_a_parameter_is_fixed_at_a_value_and_the_others_are_optimal(run, inputs, criterion, tolerance):
     """Parameters fixed at their optimum do not change the others, except through the weights of weak."""

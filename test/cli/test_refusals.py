@@ -17,6 +17,7 @@ FILES = {
     'unknown.yaml': 'modle: viscous\n',
     'often.yaml': 'runs: often\n',
     'vector.yaml': 'per_vector: true\n',
+    'started.yaml': 'start: [5]\n',
     'file': 'in the way',
     'run.csv': 'time,a,b,u\n0.0,1,2,3\n0.1,2,3,4\n',
 }
@@ -26,6 +27,7 @@ FAILURES = {
     f'identify {"b" * 300}': 'there is no bag bbb',
     'identify swing --output file': 'exists already',
     'identify swing --start /nowhere.yaml': 'there is no file /nowhere.yaml',
+    'identify swing --settings started.yaml': "there is no file ['5']",
     'identify swing --report look': 'look exists already and is not empty',
     'identify swing --output swing/metadata.yaml --force': 'is read, so it cannot be written as well',
     # Outputs are checked before inputs are read.
