@@ -37,7 +37,9 @@ def description() -> str:
     """Return a text on the implementation in use."""
     if not wanted:
         return 'numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)'
-    return 'compiled kernel' if library() is not None else 'numpy (no compiled kernel: there was no C compiler)'
+    if library() is None:
+        return 'numpy (there is no compiled kernel of this version: install the package again, with a C compiler)'
+    return 'compiled kernel'
 
 
 @cache

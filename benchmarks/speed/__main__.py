@@ -26,7 +26,7 @@ def main():
     parser.add_argument('--cpu', action='store_true', help='measure processor time, on a machine that others use too')
     args = parser.parse_args()
     if kernel.library() is None:
-        parser.error(f'there is no compiled kernel to compare with ({kernel.description()}); install a C compiler')
+        parser.error(f'there is no compiled kernel to compare with ({kernel.description()})')
     measure.clock = measure.cpu if args.cpu else measure.wall
     print(measure.machine() + (', processor time' if args.cpu else ''), flush=True)
     for name in PARTS:

@@ -195,6 +195,11 @@ def test_version_shows_whether_the_kernel_is_used():
     assert version == f'pendubot {__version__}, numpy (the compiled kernel is switched off by PENDUBOT_KERNEL)\n'
 
 
+def test_a_kernel_of_an_earlier_version_is_named():
+    program = 'from pendubot_identification import kernel; kernel.VERSION -= 1; print(kernel.description())'
+    assert 'no compiled kernel of this version: install the package again' in child('-c', program, check=True).stdout
+
+
 @pytest.mark.parametrize(('given', 'threads'), [('3', 3), ('many', 0)])
 def test_the_variable_pendubot_threads_limits_the_kernel(given, threads):
     command = ('-c', 'import pendubot_identification.kernel as kernel; print(kernel.threads)')
