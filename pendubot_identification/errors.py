@@ -28,11 +28,7 @@ class TrajectoryError(PendubotError):
 class LongRecordingError(TrajectoryError):
     """A recording that is too long for one identification."""
 
-    first: str  #: a window of sufficient length at its beginning, BAG@START:END.
-
-    def __init__(self, found: str, bag: str, first: str) -> None:
-        super().__init__(f'{found}; take windows of it, such as {first}: pendubot track {bag} lists informative ones')
-        self.first = first
+    first = ''  #: a window of sufficient length at its beginning, BAG@START:END.
 
 
 class ExcitationError(PendubotError):

@@ -9,8 +9,7 @@ import re
 from pendubot_identification import errors
 from test.conftest import ROOT
 
-#: LongRecordingError adds the remedy itself.
-ERRORS = {*vars(errors), 'RefusedError'} - {'LongRecordingError'}
+ERRORS = {*vars(errors), 'RefusedError'}
 #: Subpackages whose errors are mostly reasons why a program waits or stops.
 REASONS = 'control', 'tracking'
 VERBS = (

@@ -303,11 +303,13 @@ def _require_short(window: BagWindow, t: Array, duration: float) -> None:
     if min(float(t[-1] - t[0]), duration) <= longest:
         return
     lasts = min(window.end or math.inf, duration) - start
-    raise LongRecordingError(
-        f'{window} is too long: it lasts {lasts:.0f} s, and at most {longest:g} s are read at once',
-        str(window.path),
-        str(BagWindow(window.path, window.start, start + SETTINGS.first_window)),
+    first = str(BagWindow(window.path, window.start, start + SETTINGS.first_window))
+    error = LongRecordingError(
+        f'{window} is too long: it lasts {lasts:.0f} s, and at most {longest:g} s are read at once; take windows of '
+        f'it, such as {first}: pendubot track {window.path} lists informative ones'
     )
+    error.first = first
+    raise error
 
 
 def _converted(path: Path) -> TemporaryDirectory[str] | None:
