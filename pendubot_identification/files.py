@@ -84,8 +84,8 @@ def refuse_unwritable(path: Path, *, overwrite: bool = False) -> None:
     """
     with writing(path):
         _require_regular(path)
-        if not overwrite:
-            _refuse_existing(path)
+        if path.exists() and not overwrite:
+            raise ResultError(f'{path} exists already and was left as it is; choose another name or {OVERWRITE}')
         with tempfile.TemporaryFile(dir=path.parent):
             pass
 
@@ -106,8 +106,7 @@ def refuse_input(output: Path, inputs: Iterable[Path | None]) -> None:
 
 def write_atomically(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
     """Write a file completely or not at all. May raise ResultError."""
-    if not overwrite:
-        _refuse_existing(path)
+    refuse_unwritable(path, overwrite=overwrite)
     _write_together({path: content})
 
 
@@ -178,11 +177,6 @@ def _require_regular(path: Path) -> None:
         raise ResultError(f'{path} is a folder; name a file in it')
     if path.exists() and not path.is_file():  # a device, which a file would replace
         raise ResultError(f'{path} is no regular file; choose another name')
-
-
-def _refuse_existing(path: Path) -> None:
-    if path.exists():
-        raise ResultError(f'{path} exists already and was left as it is; choose another name or {OVERWRITE}')
 
 
 @contextmanager
