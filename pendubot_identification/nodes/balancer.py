@@ -201,8 +201,7 @@ class Balancer(SettingsNode):
                 self.get_logger().warning(f'waiting: {self._balancing.obstacle}')
             if wanted is not None:
                 idle = self._balancing.phase is Phase.IDLE
-                self._worker = threading.Thread(target=self._design, args=(wanted, idle), daemon=True)
-                self._worker.start()
+                self._worker = self.compute(self._design, wanted, idle)
 
     def _design(self, wanted: tuple[Parameters, Loop], idle: bool) -> None:
         try:

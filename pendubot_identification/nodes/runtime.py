@@ -46,6 +46,8 @@ from .shutdown import Shutdown, at_signal, ignore_signals
 JOINTS = Setting('joint_names', list(JOINT_NAMES), 'the two joints in joint_states', length=2, distinct=True)
 #: Setting of nodes with a lifecycle.
 AUTOSTART = Setting('autostart', True, 'whether the node activates itself; otherwise call ros2 lifecycle set')
+#: Name of the threads of :meth:`SettingsNode.compute`.
+COMPUTATION = 'computation'
 
 
 def descriptor(setting: Setting) -> ParameterDescriptor:
@@ -183,6 +185,12 @@ class SettingsNode(Node):
         """End the program with this exit status, from any thread."""
         self.exit_status = status
         self.ended.set()
+
+    def compute(self, work: Callable[..., None], *args: object) -> threading.Thread:
+        """Start a computation in a separate thread, for which the end of the program does not wait."""
+        thread = threading.Thread(target=work, args=args, name=COMPUTATION, daemon=True)
+        thread.start()
+        return thread
 
     def log(self, level: Level, text: str) -> None:
         """Log a text; rclpy requires that each logging line of code uses one severity."""
@@ -417,12 +425,18 @@ def run(node_class: type[SettingsNode]) -> int:
         with running(node_class, ended) as node:
             ended.wait()
             node.stop()
-        return node.exit_status
+        status = node.exit_status
     except Exception as error:
         print(f'{node_class.PROGRAM}: {explained(error)}', file=sys.stderr)
-        return 1
+        status = 1
     finally:
         ignore_signals()
+    if any(thread.name == COMPUTATION for thread in threading.enumerate()):
+        # The interpreter's exit would end that thread within C++ code of scipy, which aborts the program.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    return status
 
 
 @contextmanager

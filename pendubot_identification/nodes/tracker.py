@@ -69,8 +69,7 @@ class Tracker(ManagedNode):
         self.serve('~/reset', self._on_reset)
         Status(self, self._diagnosis)
         self._closing = threading.Event()
-        self._worker = threading.Thread(target=self._work, args=(self._closing,), daemon=True)
-        self._worker.start()
+        self._worker = self.compute(self._work, self._closing)
         self.get_logger().info(self._tracker.waiting)
 
     def _activate(self) -> None:

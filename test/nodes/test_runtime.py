@@ -153,6 +153,36 @@ def test_with_use_sim_time_diagnostics_are_stamped_by_the_clock_topic_once_it_is
         assert spin_until(node, lambda: clock.publish(message) or stamps[-1] == 1000), stamps
 
 
+#: A node that computes at the end of the program, mostly in C++ code of scipy.
+COMPUTING = """
+import sys, threading
+import numpy as np
+from scipy.signal import detrend
+from pendubot_identification.nodes.runtime import SettingsNode, run
+
+def compute():
+    while True:
+        detrend(np.ones((9, 2)), axis=0)
+        begun.set()
+
+class Computing(SettingsNode):
+    PROGRAM, SETTINGS = 'computing', ()
+
+    def _open(self, s):
+        self.compute(compute)
+        begun.wait()
+        self.end(3)
+
+begun = threading.Event()
+sys.exit(run(Computing))
+"""
+
+
+def test_a_computation_does_not_abort_the_end_of_the_program():
+    done = subprocess.run([sys.executable, '-c', COMPUTING], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (3, '')
+
+
 def test_repeated_signals_do_not_change_the_exit_status(tmp_path):
     with Program('bridge', *parameters(port=tmp_path / 'board')) as bridge:
         bridge.wait_for('missing')
