@@ -130,7 +130,10 @@ class Controller:
         if speed > b.speed:
             raise ControlError(f'a joint moves at {speed:.1f} rad/s; at most {b.speed:g} rad/s are allowed')
         if not self.monitor.obeyed(effort):
-            raise ControlError(f'the motor ignores commands: {effort:g} N m applied, {self._torque:g} N m commanded')
+            raise ControlError(
+                f'the motor ignores commands: {effort:g} N m applied, {self._torque:g} N m commanded; the log of the '
+                'bridge has the reason'
+            )
         if self._sign_check is not None and self._sign_check.update(q, effort):
             self._sign_check = None
 
