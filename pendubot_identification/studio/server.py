@@ -245,7 +245,7 @@ def _job(session: Session, asked: Mapping[str, Any]) -> dict[str, Any]:
     """
 
     def window(given: Mapping[str, Any]) -> str:
-        name, start, end = (str(given.get(key) or '').strip() for key in ('name', 'start', 'end'))
+        name, start, end = (str(given.get(key) or '') for key in ('name', 'start', 'end'))
         if name not in session.recordings:
             raise PendubotError(f'there is no recording {name}; give it again')
         return session.recordings[name] + (f'@{start}:{end}' if start or end else '')

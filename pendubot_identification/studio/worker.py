@@ -18,6 +18,7 @@ from typing import Any
 
 from pendubot_identification import api
 from pendubot_identification.errors import PendubotError, ResultError, sentence
+from pendubot_identification.setting import words
 from pendubot_identification.trajectories.conventions import CONVERSION
 
 #: Smallest number of points of the preview of a longer motion.
@@ -60,7 +61,7 @@ def identify(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
             last, step = time.monotonic(), activity
             emit({'progress': activity, 'done': done, 'of': of, 'best': best if best == best else None})
 
-    bounds = dict(pair.partition('=')[::2] for pair in job['options'].get('bounds', '').split(',') if pair)
+    bounds: dict[str, Any] = dict(pair.partition('=')[::2] for pair in words(job['options'].get('bounds', '')))
     found = api.identify(*job['bags'], validate=job['validate'], bounds=bounds, progress=progress, **_options(job))
     emit({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
     folder = Path(job['folder']) / 'output'

@@ -99,21 +99,21 @@ def test_a_window_of_a_long_recording_is_identified_and_the_shown_command_gives_
     names = '"Zeit, [ms]"', 'a', 'q2', 'tau1'
     text = csv(Trajectory(1000 * t, q, tau), names=names, convert=lambda q: q * (1, -1))
     assert len(text) > 2 << 20, 'the server keeps a smaller request in memory'
-    assert page.give('run 1.csv', text)[0] == 200
+    assert page.give(' run 1.csv', text)[0] == 200
     columns = {'columns': 't=Zeit, [ms],q1=a', 'time_unit': 'ms', 'negate': 'q2'}
-    found = page.do('describe', 'run 1.csv', **columns)['done']
+    found = page.do('describe', ' run 1.csv', **columns)['done']
     assert 'take windows of it' in found['problem']['sentence']
     assert found['problem']['window'] == ':60'
     assert found['taken'] == {'t': 'Zeit, [ms]', 'q1': 'a', 'q2': 'q2', 'tau1': 'tau1'}
-    columns |= {'delay': '-0.01:0.02', 'bounds': 'b2=0,P1=0:0.5', **QUICK}
-    done = page.do('identify', 'run 1.csv', windows={'start': '0', 'end': '17'}, **columns)['done']
+    columns |= {'delay': '-0.01:0.02', 'bounds': 'b2=0, P1=0:0.5', **QUICK}
+    done = page.do('identify', ' run 1.csv', windows={'start': '0', 'end': '17'}, **columns)['done']
     assert done['missing'] == {}
     answer = page.studio.request('GET', f'{page.path}output/report.html')
     assert answer.getheader('Content-Security-Policy').startswith('sandbox allow-scripts')
     assert 'same-origin' not in answer.getheader('Content-Security-Policy')
-    (tmp_path / 'run 1.csv').write_text(text)
+    (tmp_path / ' run 1.csv').write_text(text)
     words = shlex.split(f'{done["command"]} --report report')
-    assert 'run 1.csv@0:17' in words
+    assert ' run 1.csv@0:17' in words
     subprocess.run([sys.executable, '-m', 'pendubot_identification.cli.main', *words[1:]], cwd=tmp_path, check=True)
     by_shell = (tmp_path / 'report' / 'result.yaml').read_text()
     assert page.output('result.yaml') == by_shell
