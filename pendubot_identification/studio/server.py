@@ -289,8 +289,17 @@ def serve(files: Sequence[str], port: int, *, browser: bool, debug: bool) -> Non
         raise PendubotError(f'port {port} cannot be opened ({reason}); leave out --port') from error
     studio = Studio(given, sock.getsockname()[1], debug=debug)
 
+    ended = False
+
+    def end() -> None:
+        nonlocal ended
+        if not ended:  # a second signal must not interrupt the deletion of the files
+            ended = True
+            raise web.GracefulExit
+
     async def announce(_: web.Application) -> None:
-        asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, signal.raise_signal, signal.SIGTERM)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            asyncio.get_running_loop().add_signal_handler(number, end)
         studio.prepare()
         address = f'http://127.0.0.1:{sock.getsockname()[1]}/{studio.token}/'
         print(f'studio: {address}\nCtrl-C ends it and deletes its files', flush=True)

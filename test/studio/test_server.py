@@ -7,6 +7,7 @@ import gzip
 import json
 import re
 import shlex
+import signal
 import stat
 import subprocess
 import sys
@@ -87,7 +88,10 @@ def test_files_are_private_and_deleted_with_their_page_and_with_the_program(moti
         program.request('POST', f'{pages[0].path}end').read()
         assert len([*root.rglob('run.csv')]) == 1
         assert pages[0].post('check', 'run.csv').status == 400
-        assert program.stop() == 0
+        program.halt()
+        for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGCONT):
+            program.process.send_signal(number)
+        assert program.process.wait(30) == 0
         assert [*tmp_path.iterdir()] == []
     assert 'Traceback' not in program.output
 
