@@ -19,7 +19,8 @@ from test.domain import take_domain
 take_domain()
 os.environ['RMW_IMPLEMENTATION'] = 'rmw_fastrtps_cpp'
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'  # as the profile says
-os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='pendubot-test-log-'))
+logs = tempfile.TemporaryDirectory(prefix='pendubot-test-log-', ignore_cleanup_errors=True)  # removed at the end
+os.environ.setdefault('ROS_LOG_DIR', logs.name)
 # The variable's name in Jazzy, and its later name.
 for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'):
     os.environ[name] = str(Path(__file__).with_name('discovery.xml'))
