@@ -16,7 +16,7 @@ print(found)
 
 # As arrays, in the order of found.names.
 for name, value, (low, high) in zip(found.names, found.theta, found.intervals, strict=True):
-    print(f'{name} = {value:.6f}, 95 % between {low:.6f} and {high:.6f}')
+    print(f'{name} = {value:.5g}, 95 % between {low:.5g} and {high:.5g}')
 
 if len(sys.argv) > 2:
     found.save(sys.argv[2])
