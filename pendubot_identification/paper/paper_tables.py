@@ -116,7 +116,7 @@ def table_4(outcomes: Sequence[Outcome], runs: int) -> list[Table]:
     }
     notes = [
         f'Errors at the end of {runs} runs each, n = {outcomes[0].n}; a run stops when it reaches {_TARGET}. '
-        f'The last four columns are averages of {many} runs, which include the first {runs}. A run that never reaches '
+        f'The last four columns are of {many} runs, which include the first {runs}. A run that never reaches '
         f'{_TARGET} counts with its whole length. The function values do not include the gradient that HDE computes in '
         'every generation.',
         'Times are in times.md: only they differ from one reproduction to the next.',
