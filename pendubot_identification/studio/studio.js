@@ -336,7 +336,8 @@ function result() {
   const links = Object.keys(FILES).filter((name) => files.includes(name)).map((name) =>
     html`<a class="button" href="${at(`output/${name}`)}" download="${name}">${name}<small>${FILES[name]}</small></a>`);
   return html`<h2>The parameters of the rig</h2>${SAID[level] && note(level, SAID[level])}
-    <iframe src="${page}" title="page of the result" sandbox="allow-scripts allow-downloads allow-modals"></iframe>
+    <iframe src="${page}" title="page of the result" allow="clipboard-write"
+      sandbox="allow-scripts allow-downloads allow-modals"></iframe>
     <p><a href="${page}" target="_blank" rel="noopener">Open the page in its own tab</a></p>
     <h3>Files</h3><div class="take">${links}</div>
     ${Object.entries(missing).map(([name, sentence]) => html`<p><small>${name}: ${sentence}</small></p>`)}

@@ -105,6 +105,8 @@ def test_a_german_csv_in_degrees_from_hanging_is_identified_by_mouse_alone(opene
     click(page, 'Start')
     frame = page.frame_locator('iframe')
     expect(frame.locator('h1')).to_be_visible()
+    frame.get_by_role('button', name='copy the command').click()
+    expect(frame.get_by_role('button', name='copied')).to_be_visible()
     with page.expect_download() as download:
         page.get_by_role('link', name='result.yaml').click()
     found = yaml.safe_load(Path(download.value.path()).read_text())['parameters']
