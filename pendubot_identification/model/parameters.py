@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.errors import ParameterError
+from pendubot_identification.trajectories.trajectory import LARGEST
 
 from . import MODELS as MODELS
 
@@ -156,7 +157,7 @@ class Bounds:
     joint without a motor.
 
     Raises:
-        ParameterError: lengths differ, a bound is not finite, or a lower bound is above its upper one.
+        ParameterError: lengths differ, a bound is not finite or too large, or a lower bound is above its upper one.
     """
 
     lower: Array
@@ -171,8 +172,11 @@ class Bounds:
                 f'expected: {", ".join(self.names)}'
             )
         for name, low, high in zip(self.names, lower, upper, strict=True):
-            if not (np.isfinite(low) and np.isfinite(high)):
-                raise ParameterError(f'the bounds of {name} are {low:g} to {high:g}; finite numbers are expected')
+            if not (abs(low) < LARGEST and abs(high) < LARGEST):
+                raise ParameterError(
+                    f'the bounds of {name} are {low:g} to {high:g}; numbers between -{LARGEST:g} and {LARGEST:g} are '
+                    'expected'
+                )
             if low > high:
                 raise ParameterError(
                     f'the bounds of {name} are inverted: {low:g} to {high:g}; give the smaller one first'

@@ -90,7 +90,7 @@ def test_repaired_vectors_are_physical_and_differ_only_in_P3_if_necessary(P1, P2
     ('name', 'low', 'high', 'sentence'),
     [
         ('P9', 0, 1, "no parameter 'P9'"),
-        ('P1', 0, math.inf, 'finite'),
+        *(('P1', 0, high, 'the bounds of P1 are 0 to .* numbers between') for high in (math.inf, math.nan, 1e308)),
         *((name, 0.5, 0.499, f'{name} are inverted') for name in NAMES),
     ],
 )
