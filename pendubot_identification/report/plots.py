@@ -123,12 +123,14 @@ class Prepared:
     Attributes:
         recorded: recordings, moved to follow each other in time; parts of one keep their distance.
         marks: lines at the start of each further recording.
+        uncompensated: training motions with the effects, as energy and weak read them.
         scale: standard deviations of the states, the unit of prediction errors, shape (4,).
     """
 
     result: Result
     recorded: Recordings
     marks: Sequence[Span]
+    uncompensated: Sequence[Motion]
     estimating: Sequence[Motion]
     validating: Sequence[Motion]
     scale: Array
@@ -147,7 +149,7 @@ class Prepared:
         ]
         acting = [compensated(motion, effects, delay) for motion in motions]
         split = recorded[:size], recorded[size:]
-        return cls(result, split, marks, acting[:size], acting[size:], state_scale(motions[:size]))
+        return cls(result, split, marks, motions[:size], acting[:size], acting[size:], state_scale(motions[:size]))
 
     @property
     def theta(self) -> Array:
@@ -216,7 +218,7 @@ class Prepared:
             TrajectoryError: a recording is shorter than a test function.
         """
         model, delay = self.result.model, self.result.effort.delay
-        motions = self._without_zeros(self.result.criterion)
+        motions = self._motions(self.result.criterion)
         rows = [weak_regression(m, model, delay, weights=(1, 1, 1), stride=WIDTH / 4) for m in motions]
         times = [r.t[::3] for r in rows]
         parts = [(r.y - r.phi @ self.theta).reshape(-1, 3)[:, :2] for r in rows]
@@ -276,7 +278,7 @@ class Prepared:
             correlated; the times of each recording, shape (N,); its residuals, shape (N, C).
         """
         asked, answer = settings(self.result), self.result.criteria[criterion]
-        motions = self._without_zeros(criterion)
+        motions = self._motions(criterion)
         theta = theta_of(answer.parameters).vector(self.result.model)
         if criterion == 'likelihood':
             fitted = with_fitted_noise(motions, theta, answer.effort.delay, asked)
@@ -291,8 +293,10 @@ class Prepared:
         parts = [(r.y - r.phi @ theta).reshape(-1, len(names)) for r in rows]
         return names, unit, overlap, [r.t[:: len(names)] for r in rows], parts
 
-    def _without_zeros(self, criterion: str) -> list[Motion]:
-        """Return the training motions with true angles, by the zeros that a criterion has estimated."""
+    def _motions(self, criterion: str) -> Sequence[Motion]:
+        """Return the training motions of a criterion: likelihood also estimates effects and zeros."""
+        if criterion != 'likelihood':
+            return self.uncompensated
         zeros = [np.radians([zero.q1 or 0.0, zero.q2 or 0.0]) for zero in self.result.criteria[criterion].zeros]
         zeros += [np.zeros(2)] * (len(self.estimating) - len(zeros))
         return [m.changed(Affine.of(c=-zero)) for m, zero in zip(self.estimating, zeros, strict=False)]
