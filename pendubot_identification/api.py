@@ -68,7 +68,9 @@ Swap = Literal['nothing', 'joints', 'positions', 'efforts']
 Quantity = Literal['q1', 'q2', 'tau1', 'tau2']
 Plot = Literal['simulation', 'recordings', 'torque']
 
-KINDS = 'names of bags or files, or else DataFrames, motions as read() returns them, or t, q and tau are expected'
+KINDS = (
+    'only names of bags or files, or only DataFrames and motions as read() returns them, or t, q and tau are expected'
+)
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)
 
