@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 from pendubot_identification import __version__, kernel
 from pendubot_identification import identification as estimation
+from pendubot_identification.errors import PendubotError
 from pendubot_identification.model import MODELS
 from pendubot_identification.resources import resource
 from pendubot_identification.setting import Setting, flag
@@ -34,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     top = _Parser(
         prog='pendubot',
         description='Identify the parameters of a pendubot from its recordings, without ROS.',
-        epilog=f'sample bag: {resource("bags/paper_experiment")}\n{STATUS}',
+        epilog=_sample_bag() + STATUS,
     )
     top.add_argument('--version', action=_Version, nargs=0, help='print the version and the kind of the kernel')
     top.set_defaults(debug=False)
@@ -65,6 +66,14 @@ def parser() -> argparse.ArgumentParser:
         # A default of False in a subcommand would override a --debug before it.
         each.add_argument('--debug', action='store_true', default=argparse.SUPPRESS, help='show tracebacks')
     return top
+
+
+def _sample_bag() -> str:
+    """Return a line with the path of the sample bag; empty if it was removed."""
+    try:
+        return f'sample bag: {resource("bags/paper_experiment")}\n'
+    except PendubotError:
+        return ''
 
 
 class _Parser(argparse.ArgumentParser):

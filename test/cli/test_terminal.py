@@ -9,6 +9,7 @@ import os
 import pty
 import re
 import select
+import shutil
 import signal
 import struct
 import subprocess
@@ -105,6 +106,13 @@ def test_a_closed_output_causes_no_error(tmp_path):
     for command, out in ((f'info {SAMPLE} >&-', b''), ('import run.csv --output bag 2>&-', b'bag: 2 samples')):
         ended = subprocess.run(f'{program} {command}', shell=True, capture_output=True, timeout=PATIENCE, cwd=tmp_path)
         assert (ended.returncode, ended.stdout[:14], ended.stderr) == (0, out, b''), command
+
+
+def test_without_the_sample_bag_everything_else_works(tmp_path):
+    shutil.copytree(ROOT / 'pendubot_identification', tmp_path / 'pendubot_identification')
+    ended = subprocess.run([*PENDUBOT, '--help'], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert 'sample bag' not in ended.stdout
 
 
 def test_help_is_equivalent_to_the_option(run):
