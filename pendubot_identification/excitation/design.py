@@ -78,7 +78,7 @@ class Limits:
     """The limits of a rig.
 
     Raises:
-        ParameterError: a limit is not a positive number.
+        ParameterError: a limit is not a positive number, or too large.
     """
 
     torque: float = 1.0  #: Greatest torque, either way [N m].
@@ -87,10 +87,12 @@ class Limits:
     angle: tuple[float, float] = (math.inf, math.inf)
 
     def __post_init__(self) -> None:
-        angles = [('angle', angle, 'rad') for angle in self.angle]
-        for name, value, unit in (('torque', self.torque, 'N m'), ('speed', self.speed, 'rad/s'), *angles):
-            if not value > 0 or (math.isinf(value) and name != 'angle'):
-                raise ParameterError(f'the limit of the {name} is {value:g} {unit}; a number above 0 is expected')
+        limits = [('torque', self.torque, 'N m', 1e3), ('speed', self.speed, 'rad/s', 1e6)]
+        limits += [('angle', angle, 'rad', math.inf) for angle in self.angle]
+        for name, value, unit, most in limits:
+            if not 0 < value <= most:
+                expected = 'a number above 0' + f', at most {most:g},' * math.isfinite(most)
+                raise ParameterError(f'the limit of the {name} is {value:g} {unit}; {expected} is expected')
 
     def used(self, speed: Array, angle: Array) -> Array:
         """Return the used fraction of the limits, shape (...), of speeds [rad/s] and angles [rad], shape (2, ...)."""

@@ -12,12 +12,14 @@ import numpy as np
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, ResultError
-from pendubot_identification.files import addressed, read_yaml, write_atomically
+from pendubot_identification.files import addressed, parameter_names, read_yaml, write_atomically
 from pendubot_identification.resources import resource
-from pendubot_identification.setting import Setting
+from pendubot_identification.setting import Setting, meant
 
 NODE = 'exciter'
 TEMPLATE = 'config/exciter.yaml'
+#: Parameters that ROS declares for every node.
+OF_ROS = ('qos_overrides', 'start_type_description_service', 'use_sim_time')
 
 
 @dataclass(frozen=True)
@@ -102,10 +104,16 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
     expected = f'expected is a file like {resource(TEMPLATE)}'
     data = read_yaml(path, expected)
     # Accept the node under any namespace.
-    matching = [parameters for name, parameters in addressed(data) if name.rpartition('/')[2] in (NODE, '*', '**')]
-    if not matching:
+    matching = [(node, p) for node, p in addressed(data) if node.rpartition('/')[2] in (NODE, '*', '**')]
+    values = {name: value for _, parameters in matching for name, value in parameters.items()}
+    if not values:
         raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}')
-    values = {name: value for parameters in matching for name, value in parameters.items()}
+    known = parameter_names([resource(TEMPLATE)])
+    # A section for all nodes may have parameters of other nodes.
+    own = {name for node, parameters in matching if node.endswith(NODE) for name in parameters}
+    for name in sorted(own - known):
+        if not name.startswith(OF_ROS):
+            raise ParameterError(f'{path}: {NODE} has no parameter {name}; {meant(name, sorted(known))}?')
     try:
         *pulses, duration = (each.parse(values.get(each.name, each.default)) for each in (*SETTINGS, DURATION))
         return PulseTrain(*pulses), duration

@@ -61,6 +61,18 @@ def test_check_names_exactly_the_exceeded_limits(tmp_path, run):
     assert 'torque up' not in err
 
 
+def test_a_file_in_which_a_parameter_of_the_exciter_is_misspelt_or_missing_is_refused(tmp_path, run):
+    file = tmp_path / 'mine.yaml'
+    for content, refused in (
+        ('/**/exciter: {ros__parameters: {amplitude_mx: 9.0}}', 'exciter has no parameter amplitude_mx; is'),
+        ('/**/exciter: {ros__parameters: {}}', 'holds no parameters of the node exciter'),
+        ('/**/exciter: {ros__parameters: {seed: 1, use_sim_time: true}}\n/**: {ros__parameters: {rate: 1.0}}', ''),
+    ):
+        file.write_text(content)
+        status, _, err = run('excite', '--check', file)
+        assert (status, refused in err) == (bool(refused), True), err
+
+
 def test_pulses_beyond_any_simulation_are_refused_and_are_not_a_best_case(tmp_path, run):
     config, file = (ROOT / 'config' / 'exciter.yaml').read_text(), tmp_path / 'strong.yaml'
     file.write_text(config.replace('amplitude_max: 1.0', 'amplitude_max: 900.0'))

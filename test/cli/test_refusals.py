@@ -72,6 +72,7 @@ WRONG_USAGE = {
     'compare result.yaml other.yaml other.yaml': 'other.yaml is named twice; name two or more different results',
     'excite --design --torque 1': 'add --torque [N m] and --speed [rad/s]',
     'excite --design --torque -1 --speed 5': 'limit of the torque is -1',
+    'excite --design --torque 2000 --speed 5': 'torque is 2000 N m; a number above 0, at most 1000, is expected',
     'excite --design --torque 1 --speed 20 --rate 0': 'sampling rate is 0',
     'export result.yaml': 'no format was given',
     'reproduce --runs 0': '--runs is 0; a number from 1 to 67 is expected',
