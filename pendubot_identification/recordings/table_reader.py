@@ -265,7 +265,8 @@ def are_dates(cells: Any) -> bool:
         cells = np.asarray(cells)
         if cells.dtype.kind in 'biufmM':
             return cells.dtype.kind in 'mM'
-    return any(_number(text) == _date(text) for text in map(str, cells))
+    first = next((text for text in map(str, cells) if math.isfinite(_number(text))), '')
+    return _number(first) == _date(first)
 
 
 def _number(cell: str) -> float:
