@@ -27,6 +27,7 @@ class StepSettings:
     """The Runge-Kutta step, with an error far below one encoder count."""
 
     longest: float = 1e-3  #: Longest step [s].
+    shortest: float = 1e-6  #: Shortest step of a real rig [s], a hundredth of what the stiffest known one needs.
     of_swing: float = 0.03  #: Longest step times the highest frequency of the rig [rad/s].
     of_decay: float = 0.25  #: Longest step times the highest decay rate by friction [1/s].
     stable: float = 2.5  #: The same for a coarse simulation, which is unstable beyond 2.78.
@@ -40,7 +41,7 @@ class Plant:
     """A simulated pendubot with positions q [rad] and velocities qd [rad/s], under piecewise constant torques.
 
     Raises:
-        ParameterError: the parameters are not physical.
+        ParameterError: the parameters are not physical, or need too short steps.
     """
 
     def __init__(self, parameters: Parameters, q: Pair = HANGING, qd: Pair = (0.0, 0.0)) -> None:
@@ -51,13 +52,18 @@ class Plant:
         """Change the parameters, without a change of positions and velocities.
 
         Raises:
-            ParameterError: the parameters are not physical.
+            ParameterError: the parameters are not physical, or need too short steps.
         """
         if problems := parameters.unphysical():
             raise ParameterError(f'no rig moves like this: {problems[0]}; give the parameters of a real one')
+        self._swing_rate, self._friction_rate, self._load_rate = _step_rates(parameters)
+        if (step := 1 / max(self._swing_rate, self._friction_rate)) < SETTINGS.shortest:
+            raise ParameterError(
+                f'this rig can only be simulated in steps of {step:.2g} s, and {SETTINGS.shortest:g} s or more is '
+                'expected: its friction or torques are too large for its inertia; check their units'
+            )
         self.parameters = parameters
         self._theta = tuple(float(value) for value in parameters.vector())
-        self._swing_rate, self._friction_rate, self._load_rate = _step_rates(parameters)
 
     @property
     def q(self) -> Pair:
@@ -155,7 +161,7 @@ def simulate(
     Torques tau [N m], shape (N, 2), are held from sample to sample.
 
     Raises:
-        ParameterError: the parameters are not physical.
+        ParameterError: the parameters are not physical, or need too short steps.
         TrajectoryError: a shape or a number is invalid, or the simulation diverges.
     """
     times, torques = np.asarray(t, dtype=float), np.asarray(tau, dtype=float)

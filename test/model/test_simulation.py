@@ -61,6 +61,12 @@ def test_an_unphysical_rig_is_refused():
         Plant(Parameters(1e-3, 1e-3, 1e-2, 0.1, 0.1, 0, 0))
 
 
+@pytest.mark.parametrize('change', [{'b1': 6592.0}, {'Fc2': 10.0}, {'P4': 2e7}])
+def test_a_rig_with_wrong_units_is_refused(change):
+    with pytest.raises(ParameterError, match=r'steps of .* s, and 1e-06 s or more is expected.*check their units'):
+        Plant(replace(PAPER, **change))
+
+
 def test_encoder_counts_are_integers_relative_to_hanging():
     t = np.arange(200) * 0.01
     motion = simulate(PAPER, t, np.column_stack([np.full(200, 0.1), np.zeros(200)]))
