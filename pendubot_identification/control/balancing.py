@@ -70,7 +70,10 @@ class Readiness:
         parameters = self.offer(self._theta)
         lag = self._assessed(accept_warn)
         if self.period is None:
-            raise ControlError('the bridge has not reported its sample period on /diagnostics; start the bridge')
+            raise ControlError(
+                'the bridge has not reported its sample period on /diagnostics; start it or, if its node has another '
+                'name, remap bridge/arm and bridge/disarm'
+            )
         if not (limit := min(self._limit, self.board_limit)) > 0:
             raise ControlError(f'the bridge limits torques to {limit:g} N m; raise its torque_limit')
         return parameters, Loop(self.period, lag if self._motor_delay is None else self._motor_delay, limit)

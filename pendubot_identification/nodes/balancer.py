@@ -146,7 +146,7 @@ class Balancer(SettingsNode):
         if rivals := self._driver.rivals() or self._rivals():
             return False, rivals
         if unserved := self._driver.unserved():
-            return False, f'nobody serves {unserved}; start the bridge'
+            return False, unserved
         try:
             self._balancing.begin(time.monotonic())
         except PendubotError as error:

@@ -151,10 +151,7 @@ class Exciter(SettingsNode):
         if now - self._arrived > SILENCE:
             return f'waiting for {name}: start the bridge'
         if now - self._started >= DISCOVERY and (unserved := self._driver.unserved()):
-            return (
-                f'waiting for {unserved}, which nobody serves: start the bridge or, if its node has another name, '
-                'remap bridge/arm and bridge/disarm'
-            )
+            return f'waiting: {unserved}'
         if self._driver.publisher is not None and not self._driver.is_received():
             return f'waiting: {self._driver.not_received()}'
         if now > self._recorded_until:

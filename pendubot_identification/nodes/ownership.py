@@ -84,8 +84,14 @@ class Driver:
         self.disarm = node.create_client(Trigger, 'bridge/disarm', callback_group=group)
 
     def unserved(self) -> str:
-        """Return the full name of a service of the bridge that nobody serves, else ''."""
-        return next((each.service_name for each in (self.arm, self.disarm) if not each.service_is_ready()), '')
+        """Return a sentence on a service of the bridge that nobody serves, else ''."""
+        for service in (self.arm, self.disarm):
+            if not service.service_is_ready():
+                return (
+                    f'nobody serves {service.service_name}; start the bridge or, if its node has another name, remap '
+                    'bridge/arm and bridge/disarm'
+                )
+        return ''
 
     def begin(self) -> None:
         """Publish effort commands from now on."""

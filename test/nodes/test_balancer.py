@@ -140,8 +140,10 @@ def test_a_start_without_an_answer_of_the_bridge_is_refused_and_a_late_answer_mo
     assert answer.result().message == 'the bridge did not answer within 3 s whether it is armed; start again'
     rig.until(lambda: rig.said() and rig.said()[-1].message == f'stopped: {answer.result().message}')
     bridge.process.send_signal(signal.SIGCONT)
-    assert stays_disarmed(rig)
+    # The request to arm was received first, and then the request to disarm.
+    rig.until(lambda: stays_disarmed(rig))
     rig.until(lambda: not rig.node.count_publishers(EFFORT))
+    assert not rig.trace()[:, 3].any()
 
 
 def test_inputs_with_two_publishers_are_ignored_and_a_second_publisher_of_joint_states_stops_it(rig, stranger):

@@ -67,7 +67,7 @@ def test_the_exciter_commands_nothing_before_arming_and_stops_at_disarming(rig):
 
 def test_the_exciter_does_not_arm_a_bridge_that_it_cannot_disarm(rig):
     with Program('exciter', *parameters(arm='true', **PULSES), '-r', 'bridge/disarm:=nobody/disarm') as program:
-        program.wait_for('waiting for /nobody/disarm, which nobody serves: start the bridge or, if its')
+        program.wait_for('waiting: nobody serves /nobody/disarm; start the bridge or, if its node has')
         assert program.stop() == 0
     assert not rig.armed().any()
 
