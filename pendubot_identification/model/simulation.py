@@ -56,12 +56,7 @@ class Plant:
         """
         if problems := parameters.unphysical():
             raise ParameterError(f'no rig moves like this: {problems[0]}; give the parameters of a real one')
-        self._swing_rate, self._friction_rate, self._load_rate = _step_rates(parameters)
-        if (step := 1 / max(self._swing_rate, self._friction_rate)) < SETTINGS.shortest:
-            raise ParameterError(
-                f'this rig can only be simulated in steps of {step:.2g} s, and {SETTINGS.shortest:g} s or more is '
-                'expected: its friction or torques are too large for its inertia; check their units'
-            )
+        self._swing_rate, self._friction_rate, self._load_rate = _plant_rates(parameters)
         self.parameters = parameters
         self._theta = tuple(float(value) for value in parameters.vector())
 
@@ -118,8 +113,12 @@ class LatePlant(Plant):
 
 
 def longest_step(parameters: Parameters, torque: float) -> float:
-    """Return the longest step [s] of :class:`Plant` under shoulder torques of at most ``torque`` [N m]."""
-    swing, friction, load = _step_rates(parameters)
+    """Return the longest step [s] of :class:`Plant` under shoulder torques of at most ``torque`` [N m].
+
+    Raises:
+        ParameterError: see :class:`Plant`.
+    """
+    swing, friction, load = _plant_rates(parameters)
     return 1 / max(swing, friction + load[0] * torque)
 
 
@@ -133,6 +132,17 @@ def substeps(parameters: Parameters, torques: Array, step: float) -> int:
     _, friction, load = _step_rates(parameters)
     rate = SETTINGS.of_decay * (friction + load[0] * torques[0] + load[1] * torques[1])
     return math.ceil(min(max(step * float(rate) / SETTINGS.stable, 1.0), SETTINGS.finest))
+
+
+def _plant_rates(parameters: Parameters) -> tuple[float, float, Pair]:
+    """Return the step rates of a rig. Raises ParameterError: it needs shorter steps than a real rig."""
+    swing, friction, load = _step_rates(parameters)
+    if (step := 1 / max(swing, friction)) < SETTINGS.shortest:
+        raise ParameterError(
+            f'this rig can only be simulated in steps of {step:.2g} s, and {SETTINGS.shortest:g} s or more is '
+            'expected: its friction or torques are too large for its inertia; check their units'
+        )
+    return swing, friction, load
 
 
 def _step_rates(p: Parameters) -> tuple[float, float, Pair]:

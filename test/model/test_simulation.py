@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pendubot_identification.errors import ParameterError
+from pendubot_identification.excitation.design import Experiment, predict
+from pendubot_identification.excitation.excitation import PulseTrain
 from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.rollout import roll, sensitivities
@@ -63,8 +65,10 @@ def test_an_unphysical_rig_is_refused():
 
 @pytest.mark.parametrize('change', [{'b1': 6592.0}, {'Fc2': 10.0}, {'P4': 2e7}])
 def test_a_rig_with_wrong_units_is_refused(change):
-    with pytest.raises(ParameterError, match=r'steps of .* s, and 1e-06 s or more is expected.*check their units'):
-        Plant(replace(PAPER, **change))
+    rig = replace(PAPER, **change)
+    for simulated in (Plant, lambda rig: predict(rig, [PulseTrain()], Experiment())):
+        with pytest.raises(ParameterError, match=r'steps of .* s, and 1e-06 s or more is expected.*check their units'):
+            simulated(rig)
 
 
 def test_encoder_counts_are_integers_relative_to_hanging():
