@@ -49,7 +49,7 @@ class Ghost:
     def __init__(self, node: Node, path: Path, joint_names: Sequence[str]) -> None:
         result, self._names = read_result(path), joint_names
         self._plant = LatePlant(result.theta, max(result.effort.delay, 0.0))
-        self._publisher = node.create_publisher(JointState, 'ghost/joint_states', 1000)
+        self.publisher = node.create_publisher(JointState, 'ghost/joint_states', 1000)
         self._t = self._begun = -math.inf
         self._q, self._effort = HANGING, (0.0, 0.0)
 
@@ -72,7 +72,7 @@ class Ghost:
             self._begun = t
         elbow = dict(zip(message.name, message.effort, strict=False)).get(self._names[1], 0.0)
         self._t, self._q, self._effort = t, q, (effort, elbow)
-        self._publisher.publish(JointState(header=message.header, name=JOINT_NAMES, position=self._plant.q))
+        self.publisher.publish(JointState(header=message.header, name=JOINT_NAMES, position=self._plant.q))
 
 
 class Player(SettingsNode):
@@ -169,13 +169,14 @@ class Player(SettingsNode):
     def _play(self) -> None:
         try:
             deadline = time.monotonic() + self._wait
-            while not all(publisher.get_subscription_count() for publisher in self._publishers_of.values()):
+            publishers = [*self._publishers_of.values(), *([self._ghost.publisher] if self._ghost else [])]
+            while not all(publisher.get_subscription_count() for publisher in publishers):
                 if time.monotonic() >= deadline or self.ended.wait(0.02):
                     break
             self.get_logger().info(f'playing {", ".join(self._publishers_of)}')
             self._begun_ns = time.monotonic_ns()
             count = sum(map(self._play_file, self._reader.files))
-            for publisher in self._publishers_of.values():
+            for publisher in publishers:
                 publisher.wait_for_all_acked(Duration(seconds=DELIVERY))
             self.get_logger().info(f'{count} messages played')
         except Exception as error:
