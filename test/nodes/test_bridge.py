@@ -11,7 +11,7 @@ from benchmarks.faults.bridge import running_rig
 from test.nodes.conftest import PULSES
 from test.nodes.observer import Observer
 from test.processes import Program, parameters
-from test.rig import ARMED, ENDLESS, WATCHDOG
+from test.rig import ARMED, ENDLESS, PATIENT, WATCHDOG
 
 pytestmark = pytest.mark.ros
 
@@ -43,21 +43,21 @@ def test_samples_have_the_current_and_a_signal_disarms_the_bridge_for_good(rig, 
 
 
 def test_disarmed_is_answered_only_after_the_board_confirms_it(tmp_path, ros):
-    with running_rig(tmp_path / 'rig', tapped=True) as r:
-        assert r.call('disarm').message == 'disarmed'
+    with running_rig(tmp_path / 'rig', bridge=PATIENT, tapped=True) as r:
+        r.until(lambda: r.call('disarm').message == 'disarmed')
         r.tap.cut.add('to_board')
         answer = r.call('disarm')
         assert not answer.success
         assert answer.message.startswith('the board does not confirm that it is disarmed: press the emergency stop')
         r.tap.cut.clear()
-        assert r.call('disarm').success
+        r.disarm()
         r.tap.cut.add('to_host')
         r.until(lambda: r.diagnosed(2, 'no valid sample arrives from the board'))
         assert r.call('disarm').message == 'no board to disarm: no valid sample arrives from the board'
 
 
 def test_an_exciter_that_ends_says_that_the_board_does_not_confirm_the_disarming(tmp_path, ros):
-    patient = 'watchdog_ms:=5000', 'command_timeout:=1.0'
+    patient = *PATIENT, 'watchdog_ms:=5000'
     with running_rig(tmp_path / 'rig', *ENDLESS, bridge=patient, tapped=True) as r:
         exciter = r.start('exciter', *parameters(arm='true', **PULSES))
         exciter.wait_for('exciting')
