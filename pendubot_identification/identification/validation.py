@@ -374,7 +374,7 @@ def _errors(e: Estimate, settings: Settings) -> Iterator[str]:
     """Yield the errors, which make the result useless."""
     theta, bounds = e.theta, settings.box(e.model)
     # MDE approaches a bound without reaching it.
-    assessed = np.where(bounds.at_bound(theta, tolerance=1e-6), _nearest_bound(theta, bounds), theta)
+    assessed = np.where(e.free, theta, _nearest_bound(theta, bounds))
     problems = Parameters.from_vector(assessed).unphysical()
     yield from (f'not physical: {problem}' for problem in problems)
     if not problems and theta[2] ** 2 > SETTINGS.singular * LARGEST_COUPLING**2 * theta[0] * theta[1]:

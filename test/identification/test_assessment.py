@@ -72,6 +72,11 @@ def test_a_zero_inertia_gives_one_warning():
     assert [text for text in warnings if 'P2' in text or 'M(q)' in text] == ['not physical: P2 = 0 is not positive']
 
 
+def test_wide_bounds_make_no_estimate_unphysical():
+    wide = replace(SETTINGS, bounds=SETTINGS.bounds.replaced('P1', 0.0, 1e5))
+    assert assess(GOOD, wide).warnings == assess(GOOD, SETTINGS).warnings
+
+
 @pytest.mark.parametrize(
     ('changes', 'beginning'),
     [
