@@ -20,7 +20,8 @@ from .arguments import parser
 #: Modules of the subcommands whose module has another name; each has a function run_SUBCOMMAND.
 MODULES = dict.fromkeys(('import', 'simulate', 'repair'), '.bags')
 MODULES |= dict.fromkeys(('report', 'compare', 'export'), '.results')
-MODULES |= {'completion': '.main', 'studio': '.main', 'reproduce': 'pendubot_identification.paper.reproduction'}
+MODULES |= dict.fromkeys(('completion', 'help', 'studio'), '.main')
+MODULES |= {'reproduce': 'pendubot_identification.paper.reproduction'}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,8 +40,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         args.parser.error(f'unrecognized arguments: {" ".join(unknown)}')
     if args.debug:
         print(f'pendubot: {kernel.description()}', file=sys.stderr)
-    if args.subcommand == 'help':
-        top.parse_args([*filter(None, [args.command]), '--help'])  # exits
     try:
         module = importlib.import_module(MODULES.get(args.subcommand, f'.{args.subcommand}'), __package__)
         if signal.getsignal(signal.SIGINT) == signal.SIG_DFL:  # set by programs.py during the imports
@@ -56,6 +55,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         print(f'pendubot: {sentence(error)}', file=sys.stderr)
         return 2 if isinstance(error, UsageError) else 1
+
+
+def run_help(args: argparse.Namespace) -> int:
+    """Print the help of a subcommand, or of the program."""
+    try:
+        parser().parse_args([*filter(None, [args.command]), '--help'])
+    except SystemExit as ended:
+        return int(ended.code or 0)
+    return 0
 
 
 def run_completion(args: argparse.Namespace) -> int:
