@@ -104,14 +104,13 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
     expected = f'expected is a file like {resource(TEMPLATE)}'
     data = read_yaml(path, expected)
     # Accept the node under any namespace.
-    matching = [(node, p) for node, p in addressed(data) if node.rpartition('/')[2] in (NODE, '*', '**')]
-    values = {name: value for _, parameters in matching for name, value in parameters.items()}
+    matching = [parameters for node, parameters in addressed(data) if node.rpartition('/')[2] in (NODE, '*', '**')]
+    values = {name: value for parameters in matching for name, value in parameters.items()}
     if not values:
         raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}')
     known = parameter_names([resource(TEMPLATE)])
     # A section for all nodes may have parameters of other nodes.
-    own = {name for node, parameters in matching if node.endswith(NODE) for name in parameters}
-    for name in sorted(own - known):
+    for name in sorted(parameter_names([path], NODE) - known):
         if not name.startswith(OF_ROS):
             raise ParameterError(f'{path}: {NODE} has no parameter {name}; {meant(name, sorted(known))}?')
     try:
