@@ -15,9 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import bisect
-from scipy.signal import cont2discrete
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ControlError
@@ -56,8 +55,9 @@ def linearise(parameters: Parameters) -> tuple[Array, Array]:
 
 def sampled(A: Array, B: Array, duration: float) -> tuple[Array, Array]:
     """Return the zero-order-hold model over ``duration`` [s]: Phi, shape (4, 4), and Gamma, shape (4, M) like B."""
-    Phi, Gamma, *_ = cont2discrete((A, B, np.eye(len(A)), np.zeros_like(B)), duration)
-    return Phi, Gamma
+    states, inputs = B.shape
+    both = expm(duration * np.vstack([np.hstack([A, B]), np.zeros((inputs, states + inputs))]))[:states]
+    return both[:, :states], both[:, states:]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import detrend
 
 from pendubot_identification.errors import ControlError
 from pendubot_identification.model.dynamics import Pair, advance
@@ -118,4 +117,5 @@ class SignCheck:
 def _squared(pairs: list[Pair]) -> float:
     """Return the mean squared deviation of both joints from straight lines [rad^2]."""
     with np.errstate(all='ignore'):
-        return float((detrend(np.array(pairs), axis=0) ** 2).sum() / len(pairs))
+        line, values = np.linspace(-1, 1, len(pairs)), np.array(pairs) - np.mean(pairs, axis=0)
+        return float(((values - np.outer(line, line @ values / (line @ line))) ** 2).sum() / len(pairs))

@@ -17,8 +17,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # imports its slow part signal at the first use
 from scipy.interpolate import CubicSpline, PPoly
+from scipy.linalg import solve_banded
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.likelihood import Effect, LikelihoodFit, Shape, Unknown, fit
@@ -221,7 +221,7 @@ def _lagged(motion: Motion, unknowns: Array) -> Motion:
     t, mean = _fine_torque(motion)
     step, lag = t[1] - t[0], float(unknowns[0])
     decay = math.exp(-step / lag)
-    late = scipy.signal.lfilter([1 - decay], [1, -decay], mean, axis=0)
+    late = solve_banded((1, 0), np.tile([[1.0], [-decay]], len(mean)), (1 - decay) * mean)
     before = np.vstack([np.zeros((1, 2)), late[:-1]])
     # The mean of a lagged torque over a step lies between its values at both ends.
     part = (1 - decay) * lag / step

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # imports its slow part signal at the first use
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
@@ -132,8 +131,22 @@ def differentiate(q: Array, interval: float, window: float) -> tuple[Array, Arra
         return q, np.gradient(q, interval, axis=0)
     if len(q) < length:
         raise TrajectoryError(f'{len(q)} samples are fewer than the window of {window:g} s holds; choose a shorter one')
-    smooth, rates = (scipy.signal.savgol_filter(q, length, SETTINGS.degree, k, interval, axis=0) for k in (0, 1))
+    # The import of scipy.signal takes longer than all other imports.
+    t, degree = np.linspace(-1, 1, length)[:, None], np.arange(SETTINGS.degree + 1)
+    powers, slopes = t**degree, degree * t ** np.maximum(degree - 1, 0) / (interval * (length // 2))
+    smooth, rates = (_at_each_sample(values @ np.linalg.pinv(powers), q) for values in (powers, slopes))
     return smooth, rates
+
+
+def _at_each_sample(weights: Array, q: Array) -> Array:
+    """Return the values of the polynomial through the window of each sample, shape (N, 2) like ``q``.
+
+    A row of ``weights``, shape (L, L), gives the value at one sample of a window.
+    """
+    middle = len(weights) // 2
+    inner = [np.correlate(joint, weights[middle], 'valid') for joint in q.T]
+    first, last = q[: len(weights)], q[-len(weights) :]
+    return np.vstack([weights[:middle] @ first, np.column_stack(inner), weights[middle + 1 :] @ last])
 
 
 def encoder_step(q: Array) -> Array:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import savgol_filter
 
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.trajectories.signals import (
@@ -46,6 +47,15 @@ def test_the_zero_order_hold_gives_the_applied_torque(seed):
     tolerance = 0.1 * np.median(np.diff(t)) + 1e-12
     assert (t[k] <= at + tolerance).all()
     assert (at[k < 79] < t[np.minimum(k + 1, 79)][k < 79]).all()
+
+
+@given(st.integers(15, 80), st.integers(2, 7), st.floats(1e-4, 0.1))
+def test_positions_and_velocities_are_those_of_a_savitzky_golay_filter(samples, half, interval):
+    q = np.random.default_rng(samples).normal(size=(samples, 2))
+    smooth, rates = differentiate(q, interval, 2 * half * interval)
+    filtered = [savgol_filter(q, 2 * half + 1, 3, k, interval, axis=0) for k in (0, 1)]
+    np.testing.assert_allclose(smooth, filtered[0], atol=1e-12)
+    np.testing.assert_allclose(rates * interval, filtered[1] * interval, atol=1e-12)
 
 
 def swing(duration, rate, seed):
