@@ -599,6 +599,7 @@ class Identified:
 
         Raises:
             PendubotError: the recordings of a loaded result cannot be read again.
+            ParameterError: there is no such plot, or no axes were given.
         """
         from .report.plots import Prepared
 
@@ -612,6 +613,8 @@ class Identified:
             size = len(plot.panels)
             axes = pyplot.subplots(size, sharex=True, figsize=(8, 1.3 * size), layout='constrained')[1].tolist()
         drawn = list(axes) if isinstance(axes, (Sequence, np.ndarray)) else [axes]
+        if not drawn:
+            raise ParameterError('no axes were given; give one for each panel, or leave out axes for a new figure')
         plot.draw(drawn)
         return drawn
 

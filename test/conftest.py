@@ -45,8 +45,9 @@ RECORDINGS = ROOT.parent / 'shared' / 'recordings'
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the longest tests; skip tests that need the real recordings if they are absent."""
-    items.sort(key=lambda item: item.path.parent.name != 'test')
+    """Begin with the longest tests and fixtures; skip tests that need the real recordings if they are absent."""
+    rooms = 'test', 'tracking'
+    items.sort(key=lambda item: item.path.parent.name not in rooms)
     if not (RECORDINGS / 'manifest.csv').exists():
         for item in items:
             if item.get_closest_marker('recordings'):

@@ -198,6 +198,8 @@ def test_a_result_of_arrays_is_reported_and_plotted_from_memory(tmp_path):
     assert axis is q1
     with pytest.raises(PendubotError, match="no plot 'torques'"):
         found.plot('torques')
+    with pytest.raises(PendubotError, match='no axes were given'):
+        found.plot(axes=[])
     found.save(tmp_path / 'rig.yaml')
     with pytest.raises(FileNotFoundError, match='were in memory'):
         Identified.load(tmp_path / 'rig.yaml').plot()

@@ -43,10 +43,13 @@ def bounds_of(given: Mapping[str, Any] | Sequence[str]) -> Bounds:
     A single number fixes a parameter.
 
     Raises:
-        ParameterError: a parameter is unknown, or its interval is invalid.
+        ParameterError: a parameter is unknown or repeated, or its interval is invalid.
     """
-    bounds = default_bounds()
-    named = given if isinstance(given, Mapping) else dict(each.partition('=')[::2] for each in given)
-    for name, ends in named.items():
+    bounds, seen = default_bounds(), set[str]()
+    pairs = given.items() if isinstance(given, Mapping) else (each.partition('=')[::2] for each in given)
+    for name, ends in pairs:
+        if name in seen:
+            raise ParameterError(f'the interval of {name} was given twice; give one of both')
+        seen.add(name)
         bounds = bounds.replaced(name, *interval(name, ends, 'P1=0:0.5 or b2=0'))
     return bounds

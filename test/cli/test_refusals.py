@@ -65,6 +65,7 @@ WRONG_USAGE = {
     'identify x --joints arm,arm': 'names 1 joints; two are expected, such as shoulder,elbow',
     'identify x --fix b2': "b2 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0",
     'identify x --bounds P8=0:1': "no parameter 'P8'",
+    'identify x --fix b2=0 --bounds b2=0:0.1': 'the interval of b2 was given twice; give one of both',
     'identify x --model viscous --fix Fc1=0': '--bounds Fc1: --model viscous does not have this parameter',
     'identify x --criterion energy --delay 0:0.02': '--delay belongs to weak and likelihood, and --criterion energy',
     'identify swing --columns t=x': '--columns t=x is for files with columns; the stamps of a bag',

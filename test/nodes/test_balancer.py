@@ -93,6 +93,9 @@ def test_a_failure_of_bridge_board_or_balancer_stops_the_motor_for_good(rig):
     balancer = patient(rig)
     board, bridge, _ = rig.programs
     rig.publish()
+    balancer.wait_for('prepared', 60.0)
+    board.stop()  # the rig has fallen until the balancer is ready
+    board = rig.start_board()
     begin_and_hold(rig)
     # A halted bridge forwards neither samples nor commands: the board's watchdog stops the motor.
     bridge.halt()
