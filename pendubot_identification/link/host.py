@@ -18,7 +18,7 @@ from .clock import MS, SECOND, WRAP, BoardClock
 from .events import ArmingEnded, HostConfig, Output, Report, Sample
 from .joints import Joints
 from .limits import LimitMonitor
-from .motor import DISOBEYED, REPEAT_INTERVAL, Motor, names
+from .motor import REPEAT_INTERVAL, UNCONFIRMED, Motor, names
 from .protocol import FAULTS, VERSION, Command, Damaged, Decoder, Hello, HelloRequest, Limits, Mode, State, Status
 
 
@@ -135,7 +135,7 @@ class Host:
         if not self._up:
             return Report(Level.ERROR, self._version_text() or 'no valid sample arrives from the board')
         if self.motor.disobeyed:
-            return Report(Level.ERROR, DISOBEYED)
+            return Report(Level.ERROR, UNCONFIRMED)
         if status & FAULTS:
             return Report(Level.ERROR, names(status & FAULTS))
         if wrong := self._unusable or self._contradiction():

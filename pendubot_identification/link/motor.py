@@ -22,7 +22,7 @@ ARMING_TIMEOUT = 500 * MS
 #: Repetition interval of requests to arm and to disarm, until the board has executed them [ns].
 REPEAT_INTERVAL = 50 * MS
 #: The report while the board does not execute the request to disarm.
-DISOBEYED = 'the board ignores the request to disarm: press the emergency stop, then check its wiring'
+UNCONFIRMED = 'the board does not confirm that it is disarmed: press the emergency stop, then check its wiring'
 #: The previous STATE of the first STATE.
 _NO_STATE = State(0, 0, 0, 0, 0, 0, 0, 0, 0)
 #: The sequence numbers of frames wrap at this value; half of them tell old frames from new ones.
@@ -42,7 +42,7 @@ class Motor:
         torque_limit: largest torque that is sent [N m].
         lost: reason of the last unrequested disarming, in words; '' from the next arming on.
         disarming: whether no STATE has confirmed the last request to disarm yet.
-        disobeyed: whether the board ignores this request.
+        disobeyed: whether the board does not confirm it in time.
     """
 
     def __init__(self, config: HostConfig, output: Output, new_session: Callable[[], int] | None = None) -> None:
@@ -211,7 +211,7 @@ class Motor:
             self.disarming, self.disobeyed, self._lock = False, False, None
         elif on and len(self._sent) > ARMING_TIMEOUT // REPEAT_INTERVAL and not self.disobeyed:
             self.disobeyed = True
-            self._output.report(Level.ERROR, DISOBEYED)
+            self._output.report(Level.ERROR, UNCONFIRMED)
 
     def _go_on_arming(self, state: State, now: int) -> None:
         """Request the arming after the board has executed the last mode 0; detect its success or failure."""

@@ -22,7 +22,7 @@ from pendubot_identification.level import Level
 from pendubot_identification.link.events import ArmingEnded, HostConfig, Report, Sample
 from pendubot_identification.link.health import Health
 from pendubot_identification.link.host import Host
-from pendubot_identification.link.motor import ARMING_TIMEOUT
+from pendubot_identification.link.motor import ARMING_TIMEOUT, UNCONFIRMED
 from pendubot_identification.link.serial_port import SerialPort
 from pendubot_identification.setting import Setting
 from pendubot_identification.trajectories.conventions import current_name
@@ -31,7 +31,6 @@ from .messages import Status, shoulder_effort
 from .ownership import EFFORT_COMMAND, JOINT_COMMANDS, name_others, name_rivals
 from .runtime import AUTOSTART, JOINTS, ManagedNode, explained, run
 
-UNCONFIRMED = 'the board does not confirm that it is disarmed: press the emergency stop, then check its wiring'
 #: Smallest step of the computer's clock that is reported [s].
 CLOCK_TOLERANCE = 0.05
 

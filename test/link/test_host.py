@@ -337,7 +337,7 @@ def test_a_board_that_does_not_obey_the_request_to_disarm_is_reported_until_it_d
         reports += wire.state(**state) + wire.wait(0)
     requests = wire.sent()
     assert len(requests) == 16
-    assert ['ignores the request' in text for text in texts(reports)] == [False, True]
+    assert ['does not confirm' in text for text in texts(reports)] == [False, True]
     assert wire.host.condition(wire.now).level is Level.ERROR
     wire.state(cmd_seq=requests[0].seq)
     assert wire.host.condition(wire.now).level is Level.WARN
