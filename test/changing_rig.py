@@ -11,7 +11,24 @@ from functools import partial
 
 import numpy as np
 
-from test.simulated_rig import C2, FC, GRAVITY, I2, L1, M2, TRUE, B, accelerations, bodies, pulses, runge_kutta
+from test.simulated_rig import (
+    C1,
+    C2,
+    FC,
+    GRAVITY,
+    HANGING,
+    I1,
+    I2,
+    L1,
+    M1,
+    M2,
+    TRUE,
+    B,
+    accelerations,
+    linked,
+    pulses,
+    runge_kutta,
+)
 
 STEP = 0.0025
 WIDTH = 0.05
@@ -21,6 +38,7 @@ WIDTH = 0.05
 class Day:
     """Changes of one rig; times are from the start of the recording [s], infinite for never."""
 
+    friction: float = 1.0  # scale of all friction
     drift: float = 0.0  # linear growth of all friction in 600 s, as a fraction
     payload: float = 0.0  # as a fraction of link 2's mass
     payload_at: float = np.inf
@@ -46,7 +64,7 @@ def truth(day, t):
     """Return the nine true parameters with respect to the recorded torque at times t [s], shape (N, 9)."""
     t = np.asarray(t, dtype=float)
     mass, d = day.payload * M2 * (t >= day.payload_at), day.payload_where
-    friction = 1 + day.drift * t / 600
+    friction = day.friction * (1 + day.drift * t / 600)
     links = np.array([TRUE[n] for n in ('P1', 'P2', 'P3', 'P4', 'P5')])
     more = np.array([L1**2, d**2, L1 * d, L1, d])
     moved = np.column_stack([links + mass[:, None] * more, friction[:, None] * np.array([*B, *FC])])
@@ -76,38 +94,40 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
         acting[k] *= gain(day, t)
         dead = t >= day.dead_zone_at
         acting[k, dead] = np.sign(acting[k, dead]) * np.maximum(np.abs(acting[k, dead]) - day.dead_zone, 0.0)
-    load = np.array([d.payload * M2 for d in days])
-    put_on = np.array([d.payload_at for d in days])
-    where = np.array([d.payload_where for d in days])
-    drift = np.array([d.drift for d in days])
-    tilt, tilt_at = np.array([d.tilt for d in days]), np.array([d.tilt_at for d in days])
+    load, put_on, where = np.array([(d.payload * M2, d.payload_at, d.payload_where) for d in days]).T
+    friction, drift, tilt, tilt_at = np.array([(d.friction, d.drift, d.tilt, d.tilt_at) for d in days]).T
+    # Of each sample and rig.
+    times = t[:, None]
+    torques = np.array([acting.T + hands[0], hands[1]])
+    worn, down = friction * (1 + drift * times / 600), tilt * (times >= tilt_at)
+    viscous, dry = (np.multiply.outer(coefficients, worn) for coefficients in (B, FC))
+    gravity = GRAVITY * np.array([np.sin(down), np.cos(down)])
+    loads = load * (times >= put_on)
+    links = loaded(loads[0], where)
     x = np.zeros((4, len(seeds)))
-    x[0] = -np.pi / 2
+    x[:2] = HANGING
     read = np.empty((samples, 2, len(seeds)))
     for n in range(samples):
         read[n] = x[:2]
-        now = t[n]
-        links = loaded(load * (now >= put_on), where)
-        worn = 1 + drift * now / 600
-        down = tilt * (now >= tilt_at)
-        torque = np.array([acting[:, n] + hands[0, n], hands[1, n]])
+        if (loads[n] != loads[n - 1]).any():
+            links = loaded(loads[n], where)
+        slope = partial(
+            _slope, torque=torques[:, n], links=links, viscous=viscous[:, n], dry=dry[:, n], gravity=gravity[:, n]
+        )
         for _ in range(every):
-            x = runge_kutta(partial(_slope, torque=torque, links=links, worn=worn, tilt=down), x, h)
+            x = runge_kutta(slope, x, h)
     unit = 2 * np.pi / counts
     return t, np.moveaxis(np.round(read / unit) * unit, 2, 0), tau
 
 
 def loaded(mass, distance):
-    """Return the bodies of rigs with a payload [kg] fixed to link 2 at a distance from the elbow [m]."""
-    links = bodies()
+    """Return the constants of rigs with a payload [kg] fixed to link 2 at a distance from the elbow [m]."""
     together, moment = M2 + mass, M2 * C2 + mass * distance
-    links.m2, links.c2 = together, moment / together
-    links.i2 = I2 + M2 * C2**2 + mass * distance**2 - moment**2 / together
-    return links
+    inertia = I2 + M2 * C2**2 + mass * distance**2 - moment**2 / together
+    return linked(L1, M1, C1, I1, together, moment / together, inertia)
 
 
-def _slope(x, torque, links, worn, tilt):
-    q1, q2, v1, v2 = x
-    friction = worn * (np.array(B)[:, None] * x[2:] + np.array(FC)[:, None] * np.tanh(x[2:] / WIDTH))
-    gravity = GRAVITY * np.sin(tilt), GRAVITY * np.cos(tilt)
-    return np.array([v1, v2, *accelerations(q1, q2, v1, v2, *(torque - friction), links, gravity)])
+def _slope(x, torque, links, viscous, dry, gravity):
+    q, v = x[:2], x[2:]
+    friction = viscous * v + dry * np.tanh(v / WIDTH)
+    return np.array([*v, *accelerations(q, v, torque - friction, links, gravity)])

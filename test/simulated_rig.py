@@ -29,6 +29,8 @@ BASE, BASE_DAMPING = 3.0, 0.05
 WARMING, HEATING, LOOSENED = 20.0, 30.0, 20.0
 #: Speed of the added Stribeck friction [rad/s]; it is 0.5 in the package's model.
 STRIBECK = 0.1
+#: Angles of both joints while the rig hangs, and phases of the variation of friction [rad].
+HANGING, RUB_PHASES = np.array([[-np.pi / 2], [0.0]]), np.array([[0.5], [1.5]])
 
 TRUE = {
     'P1': M1 * C1**2 + M2 * L1**2 + I1,
@@ -156,50 +158,61 @@ class Recording:
 
 
 def bodies(length=1.0, mass=1.0, more=0.0):
-    """Return masses, lengths and inertias of scaled rigs; ``more`` is the added mass of link 2, as a fraction."""
+    """Return the constants of scaled rigs; ``more`` is the added mass of link 2, as a fraction."""
     second = mass * (1 + np.asarray(more))
     inertia = np.asarray(length) ** 2
-    return SimpleNamespace(
-        m1=M1 * mass,
-        m2=M2 * second,
-        c1=C1 * length,
-        c2=C2 * length,
-        l1=L1 * length,
-        i1=I1 * mass * inertia,
-        i2=I2 * second * inertia,
+    return linked(
+        L1 * length, M1 * mass, C1 * length, I1 * mass * inertia, M2 * second, C2 * length, I2 * second * inertia
     )
 
 
-def accelerations(q1, q2, v1, v2, torque1, torque2, b=None, gravity=(0.0, GRAVITY), base=None):
+def linked(l1, m1, c1, i1, m2, c2, i2):
+    """Return the constants of the equations of motion from those of both links."""
+    return SimpleNamespace(
+        rods=np.array(np.broadcast_arrays(l1, c2)),  # from the shoulder to the elbow, and on to the centre of link 2
+        m1=m1,
+        m2=m2,
+        moment=m1 * c1,
+        m11=m1 * c1**2 + i1 + i2,  # without the distance of link 2's centre from the shoulder
+        m22=m2 * c2**2 + i2,
+        i2=i2,
+    )
+
+
+def accelerations(q, v, torque, b, gravity=(0.0, GRAVITY), base=None):
     """Return both accelerations under the total torque about each joint (the elbow's acts on link 1 with minus sign).
 
     ``gravity``: towards -x and -y [m/s^2]. ``base``: mass [kg] of a swaying base and force on it [N]; its acceleration
     is the third return value.
     """
-    b = b or bodies()
-    # Jacobians of the two centres, J1 = (-c1 sin, c1 cos) and J2 with both joints, and M = sum m J^T J + inertias.
-    s1, k1, s12, k12 = np.sin(q1), np.cos(q1), np.sin(q1 + q2), np.cos(q1 + q2)
-    x2, y2 = -b.c2 * s12, b.c2 * k12
-    x1, y1 = x2 - b.l1 * s1, y2 + b.l1 * k1
-    m11 = b.m1 * b.c1**2 + b.m2 * (x1**2 + y1**2) + b.i1 + b.i2
-    m12 = b.m2 * (x1 * x2 + y1 * y2) + b.i2
-    m22 = b.m2 * (x2**2 + y2**2) + b.i2
+    q1, v1 = q[0], v[0]
+    # Link 2's centre lies at (x1, y1) from the shoulder and (x2, y2) from the elbow, and moves at right angles to both:
+    # M = sum m (x x + y y) + inertias.
+    angles = np.array([q1, q1 + q[1]])
+    cosines, sines = np.cos(angles), np.sin(angles)
+    x, y = b.rods * cosines, b.rods * sines
+    (_, x2), (_, y2) = x, y
+    x1, y1 = x[0] + x2, y[0] + y2
+    m11 = b.m11 + b.m2 * (x1**2 + y1**2)
+    m12 = b.i2 + b.m2 * (x1 * x2 + y1 * y2)
+    m22 = b.m22
     # Acceleration of the second centre of mass at constant joint velocities.
-    both = (v1 + v2) ** 2
+    squares = np.array([v1, v1 + v[1]]) ** 2
+    centripetal_x, centripetal_y = x * squares, y * squares
+    ax, ay = -centripetal_x[0] - centripetal_x[1], -centripetal_y[0] - centripetal_y[1]
     gx, gy = gravity
-    ax = -b.l1 * k1 * v1**2 - b.c2 * k12 * both
-    ay = -b.l1 * s1 * v1**2 - b.c2 * s12 * both
-    r1 = torque1 - b.m2 * (x1 * (ax + gx) + y1 * (ay + gy)) - b.m1 * b.c1 * (gy * k1 - gx * s1)
-    r2 = torque2 - b.m2 * (x2 * (ax + gx) + y2 * (ay + gy))
+    fx, fy = b.m2 * (ax + gx), b.m2 * (ay + gy)
+    r1 = torque[0] - (x1 * fy - y1 * fx) - b.moment * (gy * cosines[0] - gx * sines[0])
+    r2 = torque[1] - (x2 * fy - y2 * fx)
     determinant = m11 * m22 - m12**2
     a1, a2 = (m22 * r1 - m12 * r2) / determinant, (m11 * r2 - m12 * r1) / determinant
     if base is None:
         return a1, a2
     # Base acceleration a0: M a + h a0 = r, and h a + (total mass) a0 = force on the base - inertial force of the links.
-    h1, h2 = b.m2 * x1 - b.m1 * b.c1 * s1, b.m2 * x2
+    h1, h2 = -b.m2 * y1 - b.moment * sines[0], -b.m2 * y2
     d1, d2 = (m22 * h1 - m12 * h2) / determinant, (m11 * h2 - m12 * h1) / determinant
     heavy, force = base
-    exerted = b.m2 * ax - b.m1 * b.c1 * k1 * v1**2
+    exerted = b.m2 * ax - b.moment * cosines[0] * v1**2
     a0 = (force - exerted - h1 * a1 - h2 * a2) / (heavy + b.m1 + b.m2 - h1 * d1 - h2 * d2)
     return a1 - d1 * a0, a2 - d2 * a0, a0
 
@@ -225,6 +238,9 @@ def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, begin=0.0, ste
     h = 1 / rate / every
     rngs = [np.random.default_rng([seed, 19]) for seed in seeds]
     e.unit = e.mass * e.length
+    e.viscous, e.dry = np.outer(B, e.unit * slowness), np.outer(FC, e.unit)
+    e.springs = np.array([e.spring1, e.spring2])
+    e.cogging = np.array([e.cogging1, e.cogging2]).swapaxes(0, 1)
     shapes = zip(rngs, STRENGTH * e.unit * e.strength, slowness, strict=True)
     tau = np.array([pulses(rng, samples, rate, most, 0.1 * s, 0.5 * s) for rng, most, s in shapes])
     hands, pushed = _pushed(rngs, e, seconds, h, samples * every)
@@ -241,13 +257,13 @@ def record(seeds, rigs, *, seconds=10.0, rate=200.0, counts=4096, begin=0.0, ste
     )
     acting = _driven(tau, e, begin, rate)
     x = np.zeros((9, len(seeds)))  # q1 q2 v1 v2, motor angle and speed, acting torque, base position and speed
-    x[0] = x[4] = -np.pi / 2
+    x[:2], x[4] = HANGING, HANGING[0]
     read = np.empty((samples, 2, len(seeds)))
     for n in range(samples * every):
         if n % every == 0:
             read[n // every] = np.where(e.shaft > 0, x[4], x[0]), x[1]
         e.worn = 1 - e.drift * (1 - np.exp(-(begin + n * h) / WARMING)) if e.any.drift else 1.0
-        hand = hands[:, n] if hands is not None else (0.0, 0.0)
+        hand = hands[:, n] if hands is not None else 0.0
         x = runge_kutta(partial(_slope, wanted=acting[:, n // every], hand=hand, e=e), x, h)
     counts = np.broadcast_to(counts, len(seeds))
     q = np.moveaxis(read, 2, 0)
@@ -316,46 +332,47 @@ def runge_kutta(slope, x, h):
 
 
 def _slope(x, wanted, hand, e):
-    q1, q2, v1, v2, angle, speed, lagging, place, sway = x
+    q, v, (angle, speed, lagging, place, sway) = x[:2], x[2:4], x[4:]
     used = e.any
     if used.no_load:
-        least = -STRENGTH * np.maximum(1 + v1 / e.no_load, 0)
-        wanted = np.clip(wanted, least, STRENGTH * np.maximum(1 - v1 / e.no_load, 0))
+        least = -STRENGTH * np.maximum(1 + v[0] / e.no_load, 0)
+        wanted = np.clip(wanted, least, STRENGTH * np.maximum(1 - v[0] / e.no_load, 0))
     acting = np.where(e.lag > 0, lagging, wanted) if used.lag else wanted
-    on1 = hand[0] - _friction(q1, v1, 0, e) + e.offset
-    on2 = hand[1] - _friction(q2, v2, 1, e)
+    torque = hand - _friction(q, v, e)
     if used.spring1 or used.spring2:
-        on1, on2 = on1 - e.spring1 * (q1 + np.pi / 2), on2 - e.spring2 * q2
+        torque -= e.springs * (q - HANGING)
     if used.cogging1 or used.cogging2:
-        on1 = on1 + e.cogging1[0] * np.sin(e.cogging1[1] * q1 + 1)
-        on2 = on2 + e.cogging2[0] * np.sin(e.cogging2[1] * q2 + 1)
+        amplitude, periods = e.cogging
+        torque += amplitude * np.sin(periods * q + 1)
     if used.stop:
-        beyond = np.sign(q2) * np.maximum(abs(q2) - e.stop, 0)
-        on2 = on2 - np.where(beyond != 0, 20.0 * beyond + 0.05 * v2, 0)
+        beyond = np.sign(q[1]) * np.maximum(abs(q[1]) - e.stop, 0)
+        torque[1] -= np.where(beyond != 0, 20.0 * beyond + 0.05 * v[1], 0)
     if used.cable:
-        on2 = on2 - e.cable * np.maximum(np.sin(q2 - 1), 0) * (1 + 0.5 * np.tanh(v2 / 0.2))
+        torque[1] -= e.cable * np.maximum(np.sin(q[1] - 1), 0) * (1 + 0.5 * np.tanh(v[1] / 0.2))
     slope = np.zeros_like(x)
     if used.geared:
-        twist = np.sign(angle - q1) * np.maximum(abs(angle - q1) - e.backlash / 2, 0)
-        through = e.stiffness * twist + np.where(twist != 0, DAMPED * (speed - v1), 0)
+        twist = np.sign(angle - q[0]) * np.maximum(abs(angle - q[0]) - e.backlash / 2, 0)
+        through = e.stiffness * twist + np.where(twist != 0, DAMPED * (speed - v[0]), 0)
         slope[4], slope[5] = speed, np.where(e.geared, (acting - through) / MOTOR, 0)
         acting = np.where(e.geared, through, acting)
+    torque[0] += acting + e.offset
+    slope[:2] = v
     if used.sway:
         mass, frequency = e.base
         force = -BASE * (frequency**2 * place + 2 * BASE_DAMPING * frequency * sway)
-        a1, a2, a0 = accelerations(q1, q2, v1, v2, on1 + acting, on2, e.bodies, e.gravity, (mass, force))
-        slope[7], slope[8] = sway, a0
+        slope[2], slope[3], slope[8] = accelerations(q, v, torque, e.bodies, e.gravity, (mass, force))
+        slope[7] = sway
     else:
-        a1, a2 = accelerations(q1, q2, v1, v2, on1 + acting, on2, e.bodies, e.gravity)
-    slope[0], slope[1], slope[2], slope[3] = v1, v2, a1, a2
+        slope[2], slope[3] = accelerations(q, v, torque, e.bodies, e.gravity)
     if used.lag:
         slope[6] = np.where(e.lag > 0, (wanted - lagging) / np.where(e.lag > 0, e.lag, 1), 0)
     return slope
 
 
-def _friction(q, v, joint, e):
-    dry = FC[joint] * e.unit
+def _friction(q, v, e):
+    dry = e.dry
     if e.any.friction:
         dry = dry * (1 + e.asymmetry * np.sign(v) / 2) * (1 + e.stribeck * np.exp(-((v / STRIBECK) ** 2)))
-        dry = dry * (1 + e.rub * np.sin(q + 0.5 + joint))
-    return (B[joint] * e.unit * np.sqrt(e.length) * v + dry * np.tanh(v / e.width)) * e.worn + e.drag * v * abs(v)
+        dry = dry * (1 + e.rub * np.sin(q + RUB_PHASES))
+    friction = (e.viscous * v + dry * np.tanh(v / e.width)) * e.worn
+    return friction + e.drag * v * abs(v) if e.any.drag else friction

@@ -53,7 +53,7 @@ def recordings():
     """Return two recordings of 8 s of each rig."""
     batch = [rig for rig in RIGS.values() for _ in range(2)]
     seeds = [0, 1] * len(RIGS)
-    recordings = iter(record(seeds, batch, seconds=8.0, step=0.002, begin=10.0 * np.array(seeds)))
+    recordings = iter(record(seeds, batch, seconds=8.0, step=0.0025, begin=10.0 * np.array(seeds)))
     return {name: [next(recordings), next(recordings)] for name in RIGS}
 
 
