@@ -45,6 +45,12 @@ def recording(
     return quantised(motion, counts) if counts else motion
 
 
+def held_torques(samples, every, strength, seed):
+    """Return random torques [N m] at the shoulder, each held for ``every`` samples, shape (N, 2)."""
+    torques = np.random.default_rng(seed).uniform(-strength, strength, samples // every)
+    return np.outer(np.repeat(torques, every), [1, 0])
+
+
 def trajectory(recording, name='trajectory'):
     """Return a recording of test/simulated_rig.py as a trajectory."""
     return Trajectory(recording.t, recording.q, np.outer(recording.tau, [1, 0]), name=name)

@@ -21,7 +21,7 @@ from pendubot_identification.model.simulation import HANGING, quantised, simulat
 from pendubot_identification.trajectories.motion import Motion
 from test import real, virtual
 from test.simulated_rig import Rig, record
-from test.virtual import trajectory
+from test.virtual import held_torques, trajectory
 
 recorded, recording = functools.cache(real.recorded), functools.cache(virtual.recording)
 LENGTHS = {'dfki_C1_sysid': 0.2, 'dfki_A0_sysid': 0.3}
@@ -123,9 +123,7 @@ def test_a_good_recording_has_no_fault_until_its_effort_is_in_millinewtonmetres(
 def test_a_coarse_encoder_is_not_diagnosed_as_a_wrong_unit():
     """At 33 Hz and 300 counts per turn, least squares underestimate P2, as if link 2 were very dense."""
     rig = Parameters(0.01175, 0.00443, 0.00495, 0.085, 0.033, 0.003, 0.0008, Fc1=0.01, Fc2=0.004)
-    t = np.arange(330) / 33
-    tau = np.repeat(np.random.default_rng(4).uniform(-0.12, 0.12, 15), 22)
-    motion = quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 300)
+    motion = quantised(simulate(rig, np.arange(330) / 33, held_torques(330, 22, 0.12, 4)), 300)
     assert diagnosed(motion, smoothing=0.05) == ()
 
 
@@ -195,9 +193,7 @@ def test_a_late_effort_is_severe_if_no_delay_is_estimated():
 def test_radians_of_a_tiny_fast_rig_are_not_diagnosed_as_degrees():
     """Links of 3 and 2 cm, 6 and 4 g, make 50 turns in 10 s, at up to 350 rad/s."""
     rig = Parameters(P1=5.4e-6, P2=5.33e-7, P3=1.2e-6, P4=2.1e-4, P5=4e-5, b1=5e-6, b2=2.5e-7, Fc1=1e-4, Fc2=6e-6)
-    t = np.arange(2000) / 200
-    tau = np.repeat(np.random.default_rng(0).uniform(-0.006, 0.006, 100), 20)
-    motion = quantised(simulate(rig, t, np.column_stack([tau, 0 * tau])), 2000)
+    motion = quantised(simulate(rig, np.arange(2000) / 200, held_torques(2000, 20, 0.006, 0)), 2000)
     assert np.ptp(motion.q) > 2 * np.pi * 30
     assert diagnosed(motion) == ()
 

@@ -19,7 +19,7 @@ from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import simulate
 from test import simulated_rig as rig
 from test.simulated_rig import Rig
-from test.virtual import recording, trajectory
+from test.virtual import held_torques, recording, trajectory
 
 
 def fitted(*recordings, effects=False, **options):
@@ -36,9 +36,7 @@ def noisy(samples=400, seed=3):
 
 
 def test_a_rig_that_turns_half_a_radian_between_samples_is_identified_exactly():
-    t = np.arange(2000) / 200
-    tau = np.repeat(np.random.default_rng(2).uniform(-0.8, 0.8, 100), 20)
-    motion = simulate(PAPER, t, np.column_stack([tau, 0 * tau]))
+    motion = simulate(PAPER, np.arange(2000) / 200, held_torques(2000, 20, 0.8, 2))
     assert np.abs(np.diff(motion.q, axis=0)).max() > 0.45
     found = identify([motion[:1000]], [motion[1000:]])
     assert (found.level, found.warnings) == (Level.OK, ())

@@ -21,6 +21,7 @@ from test.changing_rig import C2, Day, record, truth
 from test.real import RIGS, concatenated, known, recorded
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig
 from test.simulated_rig import record as with_effects
+from test.virtual import held_torques
 
 SECONDS, AT = 45.0, 25.0
 #: Distance of link 2's centre of percussion from the elbow [m]; a payload there scales the elbow's equation.
@@ -113,10 +114,8 @@ def test_tracking_waits_for_usable_samples_and_gives_the_reason(rigs, change, re
 def test_a_rig_beyond_the_default_bounds_is_tracked():
     """Links of 60 cm, 5 and 4 kg."""
     rig = Parameters(2.26, 0.85, 0.95, 4.08, 1.58, b1=0.3, b2=0.075, Fc1=0.3, Fc2=0.075)
-    t = np.arange(2000) * 0.01
-    tau = np.repeat(np.random.default_rng(1).uniform(-44, 44, 67), 30)[: len(t), None] * [1.0, 0.0]
-    motion = quantised(simulate(rig, t, tau), 4000)
-    tracker, states, _ = track(np.column_stack([t, motion.q, tau]))
+    motion = quantised(simulate(rig, np.arange(2010) * 0.01, held_torques(2010, 30, 44.0, 1)), 4000)
+    tracker, states, _ = track(np.column_stack([motion.t, motion.q, motion.tau]))
     assert (np.abs(tracker.state.theta[:5] / rig.vector()[:5] - 1) < 0.003).all()
     assert states[-1].level is Level.OK
 
