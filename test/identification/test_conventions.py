@@ -164,7 +164,7 @@ def test_an_exact_fit_does_not_excuse_wrong_counts_per_turn():
 
 
 def test_the_zero_of_one_recording_is_no_common_fault():
-    wrong, right = shifted(q1=5)(recording(seed=1, name='wrong')), recording(seed=2, name='right')
+    wrong, right = shifted(q1=5)(recording(450, seed=1, name='wrong')), recording(450, seed=2, name='right')
     assert 'zero' not in {fault.name for fault in diagnosed(wrong, right)}
     warnings = identify([wrong, right], [], Settings(model='viscous', hold='zero')).warnings
     (found,) = (warning for warning in warnings if 'zero is off' in warning)

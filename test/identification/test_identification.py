@@ -105,7 +105,7 @@ def test_validation_data_with_the_same_wrong_zeros_are_explained():
     ('criteria', 'driven', 'absent'), [(('energy', 'weak', 'likelihood'), (1, 0), 'k2'), (('weak',), (0, 1), 'k1')]
 )
 def test_a_joint_without_a_motor_has_no_friction_under_load(criteria, driven, absent):
-    motion = exact_motion(GEARED, 500, 0.01, seed=3, strength=np.array(driven)).recorded
+    motion = exact_motion(GEARED, 300, 0.01, seed=3, strength=np.array(driven)).recorded
     for estimate in identify([motion], settings=Settings(criteria, 'geared', hold='zero')).estimates:
         present = estimate.present
         assert estimate.absent == (absent,)
@@ -225,7 +225,7 @@ def test_without_validation_each_recording_or_block_is_predicted_from_the_others
 
 def test_correlations_are_not_computed_from_the_differences_of_three_recordings():
     """The differences of three estimates span two directions only, so that all parameters would seem correlated."""
-    motions = [exact_motion(GEARED, 400, 0.01, seed=seed, strength=1.5).recorded for seed in (1, 2, 3)]
+    motions = [exact_motion(GEARED, 300, 0.01, seed=seed, strength=1.5).recorded for seed in (1, 2, 3)]
     best = identify(motions, settings=Settings(model='coulomb', hold='zero')).best
     assert not best.exact
     assert '3 recordings' in best.uncertainty

@@ -43,7 +43,7 @@ def test_one_long_pulse_is_no_limit_of_the_effort():
 
 def jittering(rate, size, *, true):
     """Return a recording with uniform timestamp jitter +- size [s]; if ``true``, the sampling jitters as the stamps."""
-    motion = recording(int(6 * rate), 1 / rate, seed=3)
+    motion = recording(int(4 * rate), 1 / rate, seed=3)
     t = motion.t + np.random.default_rng(1).uniform(-size, size, len(motion))
     t = np.maximum.accumulate(t - 1e-9 * np.arange(len(t))) + 1e-9 * np.arange(len(t))
     return replace(quantised(simulate(PAPER, t, motion.tau), 4000) if true else motion, t=t)
