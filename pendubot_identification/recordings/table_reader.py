@@ -40,6 +40,7 @@ class TableSettings:
 SETTINGS = TableSettings()
 #: A time of day, perhaps after a date, which is ignored: times decrease at midnight.
 TIME_OF_DAY = re.compile(r'(?:\s*[\d./-]+[\sT,]+)?\s*(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)\s*')
+THOUSANDS = re.compile(r'[-+]?\d{1,3}([.,]\d{3})+[.,]\d+')
 DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
 
 
@@ -210,8 +211,11 @@ class TableReader:
         bad = np.flatnonzero(~np.isfinite(numbers))
         if self.given.skip_missing or not bad.size:
             return numbers
-        cell = str(np.asarray(cells, dtype=object)[bad[0]]).strip()
+        texts = [str(cell).strip() for cell in np.asarray(cells, dtype=object)[bad]]
+        cell = texts[0]
         found = f'{self._where(bad[0])}, column {column!r}: {repr(cell) if cell else "nothing"} is no finite number'
+        if grouped := next(filter(THOUSANDS.fullmatch, texts), ''):
+            raise TableError(f'{found}; {grouped!r} has separators of thousands: export the numbers without them')
         if DECIMAL_COMMA.fullmatch(cell):
             raise TableError(f'{found}; decimals are written with commas: add --decimal comma', decimal='comma')
         if bad.size == len(numbers) > 1:

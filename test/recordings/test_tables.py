@@ -80,6 +80,10 @@ def test_an_invalid_cell_after_many_rows_is_found(written):
         # Decimal commas in all columns, and in the last column.
         (MINIMAL + '0,00,0,10,0,20,0,30\n', 'line 2 has 8 cells; 4 are .*decimals .*commas: .*points'),
         (MINIMAL + '0.00,0.1,0.2,0,30\n', 'line 2 has 5 cells; 4 are .*decimals .*commas: .*points'),
+        *(
+            (MINIMAL.replace(',', ';') + f'{first};1;2;3\n{second};1;2;3\n', f"{second}' has separators of thousands")
+            for first, second in (('9,000', '1,000,000'), ('9.000', '1.000.000'), ('9,000', '1,234.5'))
+        ),
         (TEXT.replace('dq1', 'q1'), "has 2 columns 'q1'; rename all but one of them"),
         (MINIMAL + '0,1,2,3\n10,1,2,3\n20,1,2,3\n', r'rows are 10 s apart.*: add --time-unit ms'),
         (MINIMAL + '0,1,2,3\n.12,1,2,3\n', r'rows are 0.12 s apart.*: record at a higher rate'),
