@@ -119,14 +119,11 @@ def _separated(path: Path, file: Iterable[str], conversion: Conversion, word: st
                 continue
             numbers.append(above + reader.line_num)
             if len(row) != len(names):
-                if higher >= above > 0:
-                    raise _names_below(path, word, higher)
-                comma = delimiter == ',' and len(row) > len(names)
-                why = 'decimals may be written with commas: write them with points, or ' if comma else ''
-                raise TableError(
-                    f'{path}, {word} {numbers[-1]} has {len(row)} cells; {len(names)} are expected, one for each '
-                    f'column name; {why}correct or remove that row'
-                )
+                if not conversion.skip_missing:
+                    comma, where = delimiter == ',' and len(row) > len(names), f'{path}, {word} {numbers[-1]}'
+                    below = higher >= above > 0 and _names_below(path, word, higher)
+                    raise below or _other_length(where, len(row), len(names), comma=comma)
+                row = [''] * len(names)
             yield row
 
     rows, parts = complete(), [list[Any]() for _ in names]
@@ -158,6 +155,15 @@ def _names_below(path: Path, row: str, above: int) -> TableError:
     return TableError(
         f'{path} has its column names in {row} {above + 1}, {row} 1 is expected: add --skip-rows {above}',
         skip_rows=str(above),
+    )
+
+
+def _other_length(where: str, cells: int, names: int, *, comma: bool) -> TableError:
+    why = 'decimals may be written with commas: write them with points, or ' if comma else ''
+    return TableError(
+        f'{where} has {cells} cells; {names} are expected, one for each column name; {why}correct or remove that row, '
+        'or leave such rows out: add --skip-missing',
+        **({} if comma else {'skip_missing': 'true'}),
     )
 
 

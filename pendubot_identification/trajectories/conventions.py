@@ -76,7 +76,7 @@ CONVERSION = (
     Setting('encoding', '', 'encoding of a text file; by default UTF-8, UTF-16, or else Windows-1252', optional=True),
     Setting('decimal', 'point', 'decimal separator of a text file', choices=('point', 'comma')),
     Setting('time_unit', 's', "the unit of a file's times, except of dates", choices=tuple(TIME_UNITS)),
-    Setting('skip_missing', False, 'leave out samples with a missing or non-numeric value'),
+    Setting('skip_missing', False, 'leave out samples with a missing or non-numeric value, and rows of another length'),
     Setting('unwrap', False, 'angles were wrapped into one turn; make them continuous'),
     Setting('degrees', False, 'angles are in degrees, velocities in degrees per second'),
     Setting('torque_unit', 'Nm', 'the unit of torques', choices=tuple(TORQUE_UNITS)),

@@ -38,6 +38,11 @@ def with_missing_rows(lines):
     return [*lines[:10], '#N/A,#N/A,#N/A,#N/A', *lines[10:300], '3.0,nan,NaN,nan', *lines[300:700], ',,,', *lines[700:]]
 
 
+def with_damaged_rows(lines):
+    """Insert cut and merged rows, as in the log of a serial port."""
+    return [*lines[:10], lines[10][:9], *lines[10:300], lines[300][:9] + lines[301], *lines[300:]]
+
+
 def excel(**how):
     return lambda file, columns: pandas.DataFrame(columns).to_excel(file, index=False, **how)
 
@@ -91,6 +96,7 @@ FILES = {
     'a separator behind every row.csv': (text(lines=lambda lines: [f'{line},' for line in lines]), {}, {}),
     'empty rows.csv': (text(lines=lambda lines: [*lines, '', ',,,']), {}, {}),
     'missing rows.csv': (text(lines=with_missing_rows), {}, MISSING),
+    'damaged rows.csv': (text(sep=';', lines=with_damaged_rows), {}, MISSING),
     'other names.tsv': (text('Time', 'theta1', 'theta2', 'u', sep='\t'), {}, {}),
     'names of four languages.csv': (text('Zeit [s]', 'angle épaule', 'ángulo codo', '力矩'), {}, {}),
     'no usual names.csv': (text('c1', 'c2', 'c3', 'c4'), {}, {'columns': NAMED}),
