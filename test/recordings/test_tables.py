@@ -200,6 +200,10 @@ def test_the_index_of_a_frame_is_a_column(tmp_path):
         each.to_parquet(tmp_path / f'{k}.parquet')
         np.testing.assert_array_equal(read(tmp_path / f'{k}.parquet').t, frame['t'])
         np.testing.assert_array_equal(api.read(each).t, frame['t'])
+    dates = pandas.Timestamp('2026-11-27', tz='Europe/Berlin') + pandas.to_timedelta(frame['t'], unit='s')
+    for index in (pandas.Index(dates), pandas.Index(dates - dates[0])):
+        unnamed = frame.drop(columns='t').set_index(index.rename(None))
+        np.testing.assert_allclose(api.read(unnamed).t, frame['t'], atol=1e-9)
 
 
 def test_dates_of_numpy_are_times(tmp_path):
