@@ -265,7 +265,10 @@ def _of_variables(variables: Mapping[str, Any]) -> Table:
 def _leaves(variables: Mapping[str, Any], *path: str) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
     """Yield columns with their paths of names; q with two columns gives q1 and q2."""
     for name, value in variables.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, list):  # an array of structs, such as the signals of a scope of Simulink
+            value = {f'{name}{k + 1}': each for k, each in enumerate(value)}
+            yield from _leaves(value, *path)
+        elif isinstance(value, Mapping):
             yield from _leaves(value, *path, name)
         elif isinstance(value, np.ndarray) and value.dtype.kind in 'fiumM':  # also dates
             if value.ndim == 1:

@@ -193,6 +193,18 @@ def test_an_unusable_file_of_another_program_is_refused_in_one_sentence(tmp_path
         read(tmp_path / name)
 
 
+def test_the_signals_of_a_scope_are_columns(tmp_path):
+    t, names = np.arange(9.0)[:, None] / 100, ('q1', 'q2', 'tau1')
+    signals = np.zeros(3, [('values', object), ('label', object)])
+    signals[:] = [(k + t, name) for k, name in enumerate(names)]
+    in_matlab(tmp_path / 'scope.mat', log={'time': t, 'signals': signals, 'blockName': 'rig/Scope'})
+    with pytest.raises(TableError, match=r'its columns are time, log.signals1.values, log.signals2.values, log'):
+        read(tmp_path / 'scope.mat')
+    columns = {name: f'log.signals{k + 1}.values' for k, name in enumerate(names)}
+    motion = read(tmp_path / 'scope.mat', columns=columns)
+    np.testing.assert_allclose(np.column_stack([motion.q, motion.tau[:, 0]]), np.arange(3) + t)
+
+
 def test_the_index_of_a_frame_is_a_column(tmp_path):
     pandas, _ = pytest.importorskip('pandas'), pytest.importorskip('pyarrow')
     frame = pandas.DataFrame({'t': np.arange(9) / 100, 'q1': 1.0, 'q2': 2.0, 'tau1': 3.0})
