@@ -254,6 +254,13 @@ def test_checks_name_the_options_that_correct_a_recording(tmp_path):
     assert '--zero hanging' in wrong.sentence
     assert [each.level for each in check(file, **wrong.remedy)] == [Level.OK] * 6
     assert [each.check for each in check(f'{SAMPLE}@0:0.3')] == ['reading']
+    # A jump in the part for validation.
+    later = motion.t > 0.7 * motion.duration
+    for jump in (replace(motion, q=motion.q + 6.0 * later[:, None]), motion[(motion.t < 12) | (motion.t > 13)]):
+        (wrong,) = (each for each in check(jump) if each.level == Level.ERROR)
+        with pytest.raises(PendubotError) as refused:
+            identify(jump, **FAST)
+        assert wrong.sentence == str(refused.value)
     file.write_text(csv(motion, convert=lambda q: np.degrees(q - HANGING)))
     fast = check(file)[-1]
     assert (fast.check, fast.level, fast.remedy) == ('limits', Level.ERROR, {'degrees': 'true'})

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pendubot_identification.arrays import Array
+from pendubot_identification.criteria.energy import energy_regression
 from pendubot_identification.level import Level
 from pendubot_identification.trajectories.data_checks import data_checks
 from pendubot_identification.trajectories.motion import Motion
@@ -143,7 +144,11 @@ def check(
 def _prepared(
     training: Sequence[Trajectory], validation: Sequence[Trajectory], settings: Settings
 ) -> tuple[TrainingData, list[Trajectory]]:
-    """Require informative motion; return the smoothed training data, and the validation data with even stamps."""
+    """Require informative and plausible motion; return smoothed training, and validation data with even stamps."""
     motions, others = ([evenly_stamped(motion.require_samples()) for motion in part] for part in (training, validation))
     require_excitation(motions, settings)
-    return TrainingData.prepare(motions, settings.of_rig(motions)), others
+    data = TrainingData.prepare(motions, settings.of_rig(motions))
+    for motion in others:
+        if not stillness(motion):
+            energy_regression(motion, settings.sliding, data.smoothing)
+    return data, others
