@@ -254,6 +254,10 @@ def test_checks_name_the_options_that_correct_a_recording(tmp_path):
     assert '--zero hanging' in wrong.sentence
     assert [each.level for each in check(file, **wrong.remedy)] == [Level.OK] * 6
     assert [each.check for each in check(f'{SAMPLE}@0:0.3')] == ['reading']
+    short = tmp_path / 'short.csv'
+    short.write_text(csv(motion[motion.t < 1.8]))
+    assert 'take the complete recording by @0:' in check(short)[-1].sentence
+    assert all(each.level == Level.OK for each in check(f'{short}@0:'))
     # A jump in the part for validation.
     later = motion.t > 0.7 * motion.duration
     for jump in (replace(motion, q=motion.q + 6.0 * later[:, None]), motion[(motion.t < 12) | (motion.t > 13)]):

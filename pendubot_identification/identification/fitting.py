@@ -114,7 +114,7 @@ class TrainingData:
         if settings.criteria != ('energy',) and longest.duration < shortest:
             raise TrajectoryError(
                 f'{longest.name}: {longest.duration:.3f} s are too short for the criteria weak and likelihood, which '
-                f'need {shortest:g} s; choose a longer window, or the criterion energy alone'
+                f'need {shortest:g} s; record for longer, or take the complete recording by @0:'
             )
         smoothing = choose_smoothing(trajectories) if settings.smoothing is None else settings.smoothing
         hold = 'zero' if settings.hold == 'auto' else settings.hold
