@@ -53,6 +53,19 @@ def test_a_parameter_is_shown_with_its_interval_and_its_reservations():
     assert {'on its bound', 'undetermined'} <= {row[-1] for row in rows.values() if row}
 
 
+def test_a_small_rig_keeps_its_digits():
+    result = plain(('weak',), 'viscous')
+    for entry in result['parameters'].values():
+        entry |= {name: 1e-5 * entry[name] for name in ('value', 'std_error')}
+        entry['interval'] = [1e-5 * bound for bound in entry['interval']]
+    rows = columns(parameter_table(typed(result)).text())
+    for name, entry in result['parameters'].items():
+        value, interval, *_ = rows[f'{name} [{entry["unit"]}]']
+        assert [float(value), *map(float, interval.split(' to '))] == pytest.approx(
+            [entry['value'], *entry['interval']], rel=1e-3
+        )
+
+
 def test_the_papers_estimate_is_shown_beside_the_selected_one():
     result, mde = plain(('weak',), 'auto'), plain(*MDE)['criteria']['energy']
     assert parameter_table(typed(result)).head[3] == 'energy'
