@@ -14,6 +14,8 @@ from pendubot_identification.model.rollout import roll
 from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
+from test.changing_rig import truth
+from test.simulated_rig import STRENGTH, pulses
 
 #: A bench-top rig with geared motors; each model takes its leading parameters.
 GEARED = np.array([0.06, 0.05, 0.032, 0.23, 0.16, 0.01, 0.005, 0.25, 0.19, 0.0026, 0.1, 0.05, 0.15, 0.2])
@@ -49,6 +51,24 @@ def held_torques(samples, every, strength, seed):
     """Return random torques [N m] at the shoulder, each held for ``every`` samples, shape (N, 2)."""
     torques = np.random.default_rng(seed).uniform(-strength, strength, samples // every)
     return np.outer(np.repeat(torques, every), [1, 0])
+
+
+def recording_of_a_day(day, seconds, rate=200, *, rests=(0, 0), push=(0, 0, 0.0)):
+    """Return a recording of a rig of test/changing_rig.py on a day when only the payload changes.
+
+    ``rests``: begin and end of a pause of the torque [s]; ``push``: begin and end [s] and torque [N m] of a hand.
+    """
+    t, parts, state = np.arange(seconds * rate) / rate, [], {}
+    tau = pulses(np.random.default_rng([4, 23]), len(t), rate, STRENGTH, 0.1, 0.5)
+    tau[(t >= rests[0]) & (t < rests[1])] = 0.0
+    acting = tau + np.where((t >= push[0]) & (t < push[1]), push[2] * np.sin(2 * np.pi * (t - push[0])), 0.0)
+    change = round(day.payload_at * rate)
+    for begin, end in ((0, change), (change, len(t))):
+        rig = Parameters(*truth(day, t[[begin]])[0])
+        found = simulate(rig, t[begin : end + 1], np.outer(acting, [1, 0])[begin : end + 1], **state)
+        state = {'q': tuple(found.q[-1]), 'qd': tuple(found.qd[-1])}
+        parts.append(quantised(found, 4096).q[: end - begin])
+    return Trajectory(t, np.concatenate(parts), np.outer(tau, [1, 0]))
 
 
 def trajectory(recording, name='trajectory'):

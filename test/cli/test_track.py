@@ -12,18 +12,17 @@ import yaml
 
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.results.result import read_result
-from pendubot_identification.trajectories.trajectory import Trajectory
-from test.changing_rig import Day, record, truth
+from test.changing_rig import Day, truth
 from test.processes import run_program
 from test.recordings.bags import csv
+from test.virtual import recording_of_a_day
 
 DAY = Day(payload=0.2, payload_at=16.0)
 
 
 @pytest.fixture(scope='module')
 def motion():
-    t, q, tau = record([4], [DAY], seconds=26.0)
-    return Trajectory(t, q[0], np.column_stack([tau[0], 0 * t]))
+    return recording_of_a_day(DAY, 26)
 
 
 @pytest.fixture(scope='module')

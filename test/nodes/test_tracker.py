@@ -8,9 +8,10 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from test.changing_rig import Day, record, truth
+from test.changing_rig import Day, truth
 from test.nodes.observer import Observer, values
 from test.processes import Program
+from test.virtual import recording_of_a_day
 
 pytestmark = pytest.mark.ros
 DAY = Day(payload=0.2, payload_at=15.0)
@@ -22,14 +23,14 @@ IN_LAB1 = '--ros-args', '-r', '__ns:=/lab1'
 class Rig(Observer):
     """Publishes recorded samples in /lab1 and subscribes to the tracker."""
 
-    def __init__(self, ros, recorded):
+    def __init__(self, ros):
         super().__init__(ros, '/lab1')
         self.samples = self.node.create_publisher(JointState, 'joint_states', 10_000)
-        self.recorded, self.sent = recorded, 0
+        self.recorded, self.sent = recording_of_a_day(DAY, 32), 0
 
     def send(self, until):
         """Publish the samples up to a time [s]."""
-        t, q, tau = self.recorded
+        t, q, tau = self.recorded.t, self.recorded.q, self.recorded.tau[:, 0]
         while self.sent < len(t) and t[self.sent] < until:
             k = self.sent
             message = JointState(name=['elbow', 'shoulder'], position=q[k, ::-1].tolist(), effort=[0.0, tau[k]])
@@ -53,8 +54,7 @@ class Rig(Observer):
 
 @pytest.fixture
 def rig(ros):
-    t, (q,), (tau,) = record([4], [DAY], seconds=32.0)
-    with Rig(ros, (t, q, tau)) as rig:
+    with Rig(ros) as rig:
         yield rig
 
 

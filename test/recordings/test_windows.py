@@ -14,18 +14,14 @@ import scipy.io
 from pendubot_identification import api
 from pendubot_identification.cli.main import main
 from pendubot_identification.errors import LongRecordingError, PendubotError
-from pendubot_identification.model.parameters import Parameters
-from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.recordings import bag_reader
 from pendubot_identification.recordings.bag_reader import BagWindow
 from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.datasets import load_datasets
 from pendubot_identification.recordings.joint_states import JOINT_STATE, write_trajectory
 from pendubot_identification.tracking import windows
-from pendubot_identification.trajectories.trajectory import Trajectory
-from test.changing_rig import Day, truth
-from test.simulated_rig import pulses
-from test.virtual import recording
+from test.changing_rig import Day
+from test.virtual import recording, recording_of_a_day
 
 from .bags import STEP, TOPIC, csv, message
 
@@ -35,15 +31,8 @@ LENGTH = 10
 
 @pytest.fixture(scope='module')
 def motion():
-    t, parts, state = np.arange(9_000) / 100, [], {}
-    tau = np.where((t >= 44) & (t < 50), 0.0, pulses(np.random.default_rng([4, 23]), len(t), 100, 0.35, 0.1, 0.5))
-    pushed = tau + np.where((t >= 63) & (t < 63.5), 0.3 * np.sin(2 * np.pi * (t - 63)), 0.0)
-    for begin, end, now in ((0, 4000, 0.0), (4000, len(t), 40.0)):
-        rig = Parameters(*truth(Day(payload=0.2, payload_at=40.0), [now])[0])
-        found = simulate(rig, t[begin : end + 1], np.outer(pushed, [1, 0])[begin : end + 1], **state)
-        state = {'q': tuple(found.q[-1]), 'qd': tuple(found.qd[-1])}
-        parts.append(quantised(found, 4096).q[: end - begin])
-    return Trajectory(t, np.concatenate(parts), np.outer(tau, [1, 0]))
+    day = Day(payload=0.2, payload_at=40.0)
+    return recording_of_a_day(day, 90, 100, rests=(44, 50), push=(63, 63.5, 0.3))
 
 
 @pytest.fixture(scope='module')
