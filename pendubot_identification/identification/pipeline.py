@@ -150,5 +150,5 @@ def _prepared(
     data = TrainingData.prepare(motions, settings.of_rig(motions))
     for motion in others:
         if not stillness(motion):
-            energy_regression(motion, settings.sliding, data.smoothing)
+            energy_regression(motion, settings.sliding, data.smoothing)  # refuses a jump or gap before the long fit
     return data, others
