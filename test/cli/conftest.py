@@ -17,12 +17,12 @@ FAST = (*PAPERS, '--optimizer', 'lsq')
 
 @pytest.fixture(scope='session')
 def inputs(tmp_path_factory):
-    """A folder with the sample bag as swing, its result and report as in the paper, and a simulated bag, sim."""
+    """A folder with the sample bag as swing, its result as in the paper, and a simulated bag, sim."""
     folder = tmp_path_factory.mktemp('inputs')
     shutil.copytree(SAMPLE, folder / 'swing')
     before = os.getcwd()
     os.chdir(folder)
-    assert main(['identify', 'swing', *PAPERS, '--output', 'result.yaml', '--report', 'look']) == 0
+    assert main(['identify', 'swing', *PAPERS, '--output', 'result.yaml']) == 0
     assert main(['simulate', '--output', 'sim']) == 0
     os.chdir(before)
     return folder

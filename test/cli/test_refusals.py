@@ -28,7 +28,7 @@ FAILURES = {
     'identify swing --output file': 'exists already',
     'identify swing --start /nowhere.yaml': 'there is no file /nowhere.yaml',
     'identify swing --settings started.yaml': "there is no file ['5']",
-    'identify swing --report look': 'look exists already and is not empty',
+    'identify swing --report sim': 'sim exists already and is not empty',
     'identify swing --output swing/metadata.yaml --force': 'is read, so it cannot be written as well',
     # Outputs are checked before inputs are read.
     'identify /nowhere --output /nowhere/r.yaml': '/nowhere/r.yaml cannot be written (No such file',
@@ -36,7 +36,7 @@ FAILURES = {
     'identify /nowhere --output /dev/full --force': '/dev/full is no regular file; choose another name',
     'identify /nowhere --report file/look': 'cannot be written (Not a directory); choose another folder',
     'report result.yaml --reference result.yaml --output . --force': 'is read, so it cannot be written as well',
-    'export result.yaml --format h --output look': 'look is a folder; name a file in it',
+    'export result.yaml --format h --output sim': 'sim is a folder; name a file in it',
     'export result.yaml --output link.yaml --force': 'link.yaml is read, so it cannot be written as well',
     'import run.csv --output swing --columns t=time,q1=a,q2=b,tau1=u': 'exists already',
     'excite --design --torque 1 --speed 20 --output file': 'exists already',

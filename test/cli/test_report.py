@@ -6,9 +6,11 @@
 import re
 import shutil
 
+import pytest
 import yaml
 
-from test.cli.conftest import FAST, contents
+from pendubot_identification.cli.main import main
+from test.cli.conftest import FAST, PAPERS, contents
 from test.report.test_page import Page
 
 PLOTS = {'recordings', 'simulation', 'torque_left', 'residuals_energy'}
@@ -27,32 +29,51 @@ def plots(folder):
     return set(re.findall(r'data-plot="(\w+)"', (folder / 'report.html').read_text()))
 
 
-def test_the_folder_has_a_self_contained_page_and_the_result(inputs):
-    assert names(inputs / 'look') == {'report.html', 'result.yaml'}
-    assert plots(inputs / 'look') == PLOTS
-    assert (inputs / 'look' / 'result.yaml').read_bytes() == (inputs / 'result.yaml').read_bytes()
-    assert str(inputs) not in (inputs / 'look' / 'report.html').read_text()
-    assert 'data that were not used to estimate them' in text(inputs / 'look')
-    assert 'Not shown' not in text(inputs / 'look')
+@pytest.fixture(scope='module')
+def look(inputs, tmp_path_factory):
+    """The report of the command that makes the result."""
+    folder = tmp_path_factory.mktemp('reported') / 'look'
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.chdir(inputs)
+        assert main(['identify', 'swing', *PAPERS, '--report', str(folder)]) == 0
+    return folder
 
 
-def test_the_same_report_is_made_later_from_the_result_file(in_inputs, tmp_path, run):
+def test_the_folder_has_a_self_contained_page_and_the_result(inputs, look):
+    assert names(look) == {'report.html', 'result.yaml'}
+    assert plots(look) == PLOTS
+    assert (look / 'result.yaml').read_bytes() == (inputs / 'result.yaml').read_bytes()
+    assert str(inputs) not in (look / 'report.html').read_text()
+    assert 'data that were not used to estimate them' in text(look)
+    assert 'Not shown' not in text(look)
+
+
+@pytest.mark.usefixtures('in_inputs')
+def test_the_same_report_is_made_later_from_the_result_file(look, tmp_path, run):
     """--figures writes every picture."""
     shutil.copy('result.yaml', tmp_path)
     status, out, err = run('report', tmp_path / 'result.yaml', '--figures')
     later = tmp_path / 'result_report'
     assert (status, out, err) == (0, f'written to {later / "report.html"}\n', '')
-    for file in (in_inputs / 'look').iterdir():
+    for file in look.iterdir():
         assert (later / file.name).read_bytes() == file.read_bytes(), file.name
     files = {f'{name}.{ending}' for name in PLOTS | FIGURES for ending in ('svg', 'png')}
     assert names(later) == {'report.html', 'result.yaml', *files}
 
 
-def test_reference_parameters_written_by_hand_are_shown_beside_the_result(in_inputs, tmp_path, run):
-    """An unphysical value is reported and shown."""
+def test_reference_parameters_written_by_hand_are_shown_beside_the_result(inputs, tmp_path, run):
+    """An unphysical value is reported and shown; the bag is not found, so nothing is drawn."""
+    shutil.copy(inputs / 'result.yaml', tmp_path)
     by_hand = ', '.join(f'{name}: {{value: 4e-4}}' for name in ('P2', 'P3', 'P4', 'P5', 'b1', 'b2'))
     (tmp_path / 'hand.yaml').write_text(f'schema: 1\nparameters: {{{by_hand}, P1: {{value: -0.0022}}}}\n')
-    arguments = ('report', 'result.yaml', '--reference', tmp_path / 'hand.yaml', '--output', tmp_path / 'out')
+    arguments = (
+        'report',
+        tmp_path / 'result.yaml',
+        '--reference',
+        tmp_path / 'hand.yaml',
+        '--output',
+        tmp_path / 'out',
+    )
     status, _, err = run(*arguments)
     assert status == 0
     assert f'{tmp_path / "hand.yaml"}: not physical: P1 = -0.0022 is not positive' in err
@@ -60,14 +81,14 @@ def test_reference_parameters_written_by_hand_are_shown_beside_the_result(in_inp
     assert any(row.startswith('P1 ') and '−0.0022' in row for row in rows)
 
 
-def test_a_failed_report_leaves_no_folder_and_an_earlier_one_unchanged(inputs, tmp_path, run, monkeypatch):
+def test_a_failed_report_leaves_no_folder_and_an_earlier_one_unchanged(inputs, look, tmp_path, run, monkeypatch):
     """The result file is written nevertheless."""
 
     def fail(*_):
         raise RuntimeError('a figure that cannot be drawn')
 
     monkeypatch.setattr('pendubot_identification.report.plots.Prepared.data', fail)
-    shutil.copytree(inputs / 'look', tmp_path / 'look')
+    shutil.copytree(look, tmp_path / 'look')
     before = contents(tmp_path / 'look')
     command = ('identify', inputs / 'swing', *FAST, '--output', tmp_path / 'result.yaml', '--force', '--report')
     for folder in ('look', 'new/look'):
