@@ -191,7 +191,7 @@ def test_a_stiff_rig_is_identified_from_few_samples_and_a_wrong_initial_delay(mo
     At 33 Hz, friction under load resembles a lower torque of the motor.
     """
     monkeypatch.setattr('pendubot_identification.identification.fitting.estimate_delay', lambda *_, **__: 0.06)
-    best = identify([recording(330, 0.03, rig=STIFF, seed=2, strength=4.0)], [], Settings(hold='zero')).best
+    best = identify([recording(220, 0.03, rig=STIFF, seed=2, strength=4.0)], [], Settings(hold='zero')).best
     np.testing.assert_allclose(best.theta[:5], STIFF.vector()[:5], rtol=0.03)
     assert abs(best.effort.delay) < 1e-3
 
