@@ -268,6 +268,7 @@ def test_checks_name_the_options_that_correct_a_recording(tmp_path):
     file.write_text(csv(motion, convert=lambda q: np.degrees(q - HANGING)))
     fast = check(file)[-1]
     assert (fast.check, fast.level, fast.remedy) == ('limits', Level.ERROR, {'degrees': 'true'})
+    assert 'if they are encoder counts, multiply them by 2 pi / counts per turn' in fast.sentence
     with pytest.raises(PendubotError, match='there is no option'):
         check(file, nonsense=1)
 

@@ -98,11 +98,12 @@ def require_plausible_speed(name: str, t: Array, qd: Array, interval: float) -> 
         joint = int(fastest.argmax())
         # Jumps are rare and hardly change the median.
         degrees = float(np.median(np.abs(qd).max(axis=1))) > FAST
+        counts = 'if they are encoder counts, multiply them by 2 pi / counts per turn'
         raise TrajectoryError(
             f'{name}: the {("shoulder", "elbow")[joint]} turns at {fastest[joint]:.4g} rad/s at '
             f'{t[np.abs(qd[:, joint]).argmax()]:.3f} s, and at most {limit:.4g} is plausible; are its '
             'angles in radians, unwrapped and without jumps, and its stamps correct?'
-            + (' If they are in degrees, add --degrees' if degrees else ''),
+            + (f' If they are in degrees, add --degrees; {counts}' if degrees else ''),
             **({'degrees': 'true'} if degrees else {}),
         )
 
