@@ -69,7 +69,8 @@ Quantity = Literal['q1', 'q2', 'tau1', 'tau2']
 Plot = Literal['simulation', 'recordings', 'torque']
 
 KINDS = (
-    'only names of bags or files, or only DataFrames and motions as read() returns them, or t, q and tau are expected'
+    'only names of bags or files, or only DataFrames and motions as read() returns them, each an argument of its own, '
+    'or t, q and tau are expected'
 )
 #: Positions [rad] when both links stand upright.
 UPRIGHT = (math.pi / 2, 0.0)

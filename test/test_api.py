@@ -296,6 +296,7 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         ),
         (lambda: read(SAMPLE, negate='q9'), "negate: there is no quantity 'q9'"),
         (lambda: identify(SAMPLE, read(SAMPLE)), 'PosixPath was given; only names of bags or files, or only'),
+        (lambda: identify([SAMPLE, SAMPLE]), 'list was given; .*, each an argument of its own, or t, q and tau are'),
         (identify, 'nothing was given; only names of bags or files, or only DataFrames and motions'),
         (lambda: identify(t=[0.0], q=[[0.0, 0.0]]), 'tau is missing; t, q and tau are expected together'),
         (lambda: identify(t=[0.0, 1.0], q=[0.0, 0.0], tau=0.0), r't has shape \(2,\) and q \(2,\)'),
