@@ -77,8 +77,7 @@ def test_colcon_builds_the_package_and_every_program_runs(tmp_path, options):
         return
     assert version.endswith('compiled kernel\n')
     bag = share / 'pendubot_identification/bags/paper_experiment'
-    outputs = '--criterion weak --model viscous --output result.yaml --report look'
-    sourced(f'"{programs / "pendubot"}" identify "{bag}" {outputs}')
+    sourced(f'"{programs / "pendubot"}" identify "{bag}" --optimizer lsq --output result.yaml --report look')
     assert (tmp_path / 'result.yaml').is_file()
     assert (tmp_path / 'look' / 'report.html').is_file()
 
@@ -95,7 +94,7 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     assert run([sys.executable, '-c', 'import numpy; print(numpy.__version__)'], ROOT, env) == '1.26.4\n'
     tests = 'test/recordings/test_joint_states.py', 'test/model/test_filter.py'
     run([sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', *tests], ROOT, env)
-    (tmp_path / 'quick.yaml').write_text('{criterion: energy, runs: 2, generations: 100, model: viscous, hold: zero}')
+    (tmp_path / 'quick.yaml').write_text('{criterion: energy, runs: 2, generations: 300, model: viscous, hold: zero}')
     identify = ['identify', '--verbose', 'bags/paper_experiment@0:9', '--settings', str(tmp_path / 'quick.yaml')]
     output = run(
         [sys.executable, '-m', 'pendubot_identification.cli.main', *identify],
