@@ -21,8 +21,6 @@ import matplotlib.style
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.signal import correlate
-from scipy.stats import binned_statistic
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.prediction_error import HORIZONS, LOST, STEP, Simulations, state_scale
@@ -235,7 +233,9 @@ class Prepared:
                 x = values[usual[:, k], k]
                 edges = np.unique(np.quantile(x, np.linspace(0, 1, BINS + 1)))
                 if len(edges) > 2:
-                    means = binned_statistic(x, torque[usual[:, k], k], bins=edges).statistic
+                    sums, _ = np.histogram(x, edges, weights=torque[usual[:, k], k])
+                    with np.errstate(invalid='ignore'):  # no point for an empty bin
+                        means = sums / np.histogram(x, edges)[0]
                     axis.plot((edges[1:] + edges[:-1]) / 2, means, color=COLOURS[k])
                     axis.axhline(0, color='#bbbbbb', linewidth=0.6, zorder=0)
                 if k == 1:
@@ -365,7 +365,7 @@ def _autocorrelation(times: Sequence[Array], parts: Sequence[Array]) -> tuple[Ar
     sums = np.zeros((lags + 1, parts[0].shape[1]))
     for part in parts:
         padded = np.pad(part, ((0, lags), (0, 0)))
-        sums += np.column_stack([correlate(a, b, 'valid', 'fft') for a, b in zip(padded.T, part.T, strict=True)])
+        sums += np.column_stack([np.correlate(a, b, 'valid') for a, b in zip(padded.T, part.T, strict=True)])
     return interval * np.arange(lags + 1.0), np.asarray(sums / np.maximum(sums[0], np.finfo(float).tiny))
 
 
