@@ -24,10 +24,11 @@ _QUANTITY = {name: quantity for quantity, names in NAMES.items() for name in nam
 UNITS = {
     **{unit.lower(): ('time_unit', unit) for unit in TIME_UNITS},
     **{unit.lower(): ('torque_unit', unit) for unit in TORQUE_UNITS},
-    **dict.fromkeys(('deg', 'degree', 'degrees', 'grad', '°'), ('degrees', 'true')),
-    'rad': ('degrees', 'false'),
-    'sec': ('time_unit', 's'),
-    'µs': ('time_unit', 'us'),
+    **dict.fromkeys(('deg', 'degree', 'degrees', 'grad', '°', '度'), ('degrees', 'true')),
+    **dict.fromkeys(('rad', 'radian', 'radians', '弧度'), ('degrees', 'false')),
+    **dict.fromkeys(('sec', 'second', 'seconds', 'sekunden', '秒'), ('time_unit', 's')),
+    **dict.fromkeys(('msec', 'millis', 'milliseconds'), ('time_unit', 'ms')),
+    **dict.fromkeys(('µs', 'usec', 'micros', 'microseconds'), ('time_unit', 'us')),
 }
 CURRENT_UNITS = 'A', 'mA'
 #: Names and units of a motor current, which is no torque.

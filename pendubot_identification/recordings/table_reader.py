@@ -107,6 +107,12 @@ class TableReader:
         _, unit = split(column)
         return unit or (self.table.units[self.table.names.index(column)] if self.table.units else '')
 
+    def _unknown_unit(self, column: str, expected: str) -> str:
+        """Return the begin of a sentence on a column whose unit is not known; '' if it is known or there is none."""
+        unit = self.unit(column)
+        found = f'{self.path}: the unit {unit!r} of the column {column!r} is not known, and {expected} are expected'
+        return found if unit and not is_unit(unit) else ''
+
     def _amperes(self, column: str) -> float:
         """Return the size of the unit of a current [A]."""
         return 1e-3 if 'mA' in (self.unit(column), column) else 1.0
@@ -121,19 +127,25 @@ class TableReader:
             raise TableError(f'{self.path} has {names.count(column)} columns {column!r}; rename all but one of them')
         if missing := [name for name in (*REQUIRED, *conversion.columns) if name not in taken]:
             raise self._missing(missing)
-        torque, unit = taken['tau1'], self.unit(taken['tau1'])
+        for name, expected in (('t', 'seconds'), ('q1', 'rad or deg'), ('q2', 'rad or deg')):
+            unknown = self._unknown_unit(taken[name], expected)
+            if unknown and name not in self.given.columns and not (name == 't' and are_dates(self._cells(taken[name]))):
+                raise TableError(
+                    f'{unknown}: convert the column or, if that is no unit, name it with '
+                    f'--columns {shlex.quote(f"{name}={taken[name]}")}'
+                )
+        torque = taken['tau1']
         if conversion.torque_constant:
             return taken
-        if is_current(torque, unit):
+        if is_current(torque, self.unit(torque)):
             raise TableError(
                 f'{self.path}: the column {torque!r} seems to hold a motor current, and a torque is expected: '
                 "give the motor's constant with --torque-constant K [N m/A], and --gear N where a gear follows, or "
                 f'--torque-constant {1 / self._amperes(torque):g} if it is a torque'
             )
-        if unit and not is_unit(unit):
+        if unknown := self._unknown_unit(torque, 'N m'):
             raise TableError(
-                f'{self.path}: the unit {unit!r} of the column {torque!r} is not known, and N m are expected: give its '
-                'size with --torque-constant K [N m], 1 if it is no unit, or convert the column'
+                f'{unknown}: give its size with --torque-constant K [N m], 1 if it is no unit, or convert the column'
             )
         return taken
 

@@ -105,6 +105,7 @@ FILES = {
     'UTF-16 without a mark.csv': (text(encoding='utf-16-le'), {}, {}),
     'Latin-1.csv': (text('t', 'Winkel Schulter', 'Winkel Ellenbogen [°]', 'tau', encoding='latin-1'), DEGREES, {}),
     'units in names.csv': (text('t_ms', 'q1 [deg]', 'q2 [deg]', 'tau (mNm)'), ALL_UNITS, {}),
+    'other words for units.csv': (text('t_millis', 'q1 (degrees)', 'q2 [度]', 'tau (mN m)'), ALL_UNITS, {}),
     'a row of units.csv': (text(lines=lambda lines: [lines[0], ','.join(UNITS), *lines[1:]]), ALL_UNITS, {}),
     'a title.csv': (text(lines=lambda lines: ['Run 7, Monday', 'second try', *lines]), {}, {'skip_rows': '2'}),
     'decimal commas, a title and a nameless column.csv': (

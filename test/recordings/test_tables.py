@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import re
+import shlex
 import struct
 import sys
 
@@ -258,6 +259,17 @@ def test_an_unknown_unit_is_not_accepted_as_newton_metres(written):
     with pytest.raises(TableError, match=r"unit 'lbf ft' of the column 'tau1 .lbf ft.' is not known, and N m are"):
         read(path)
     np.testing.assert_allclose(read(path, torque_constant=1.3558).tau[:, 0], np.multiply(1.3558, [3, 4]))
+
+
+@pytest.mark.parametrize(('name', 'column', 'unit'), [('q1', 'q1 [rev]', 'rev'), ('t', 'time (min)', 'min')])
+def test_an_unknown_unit_of_a_time_or_an_angle_is_refused_unless_the_column_is_named(written, name, column, unit):
+    file = written(MINIMAL.replace(name, column, 1) + '0,1,2,3\n0.01,1,2,4\n')
+    with pytest.raises(TableError, match=f"unit '{unit}' of the column .* is not known") as refused:
+        read(file)
+    assert str(refused.value).endswith(f'name it with --columns {shlex.quote(f"{name}={column}")}')
+    assert len(read(file, columns={name: column})) == 2
+    dated = 'Time (UTC),q1,q2,tau1\n2026-05-12T10:00:00.00,1,2,3\n2026-05-12T10:00:00.01,1,2,3\n'
+    assert len(read(written(dated))) == 2
 
 
 def test_a_current_by_a_row_of_units_is_not_accepted_as_a_torque(written):
