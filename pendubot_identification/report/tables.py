@@ -152,12 +152,11 @@ def paper_heading(result: Result) -> str:
 def rounding(entries: Iterable[Parameter]) -> str:
     """Return the format with three digits of the smallest estimate, or of its standard error if it is larger.
 
-    Decimals are limited to seven; a small rig has exponents instead.
+    Decimals are limited to seven; if most estimates need more, there are exponents instead.
     """
     sizes = [max(abs(e.value), e.std_error or 0.0) for e in entries if e.value and not e.on_bound]
-    if np.median(sizes or [1.0]) < 1e-4:
-        return '.3e'
-    return f'.{min(max(2 - math.floor(math.log10(min(sizes, default=1.0))), 4), 7)}f'
+    decimals = [2 - math.floor(math.log10(size)) for size in sizes] or [2]
+    return '.3e' if np.median(decimals) > 7 else f'.{min(max(*decimals, 4), 7)}f'
 
 
 def _reservation(entry: Parameter) -> str:
