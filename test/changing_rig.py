@@ -38,7 +38,6 @@ WIDTH = 0.05
 class Day:
     """Changes of one rig; times are from the start of the recording [s], infinite for never."""
 
-    friction: float = 1.0  # scale of all friction
     drift: float = 0.0  # linear growth of all friction in 600 s, as a fraction
     payload: float = 0.0  # as a fraction of link 2's mass
     payload_at: float = np.inf
@@ -64,7 +63,7 @@ def truth(day, t):
     """Return the nine true parameters with respect to the recorded torque at times t [s], shape (N, 9)."""
     t = np.asarray(t, dtype=float)
     mass, d = day.payload * M2 * (t >= day.payload_at), day.payload_where
-    friction = day.friction * (1 + day.drift * t / 600)
+    friction = 1 + day.drift * t / 600
     links = np.array([TRUE[n] for n in ('P1', 'P2', 'P3', 'P4', 'P5')])
     more = np.array([L1**2, d**2, L1 * d, L1, d])
     moved = np.column_stack([links + mass[:, None] * more, friction[:, None] * np.array([*B, *FC])])
@@ -95,11 +94,11 @@ def record(seeds, days, *, seconds, rate=200.0, counts=4096):
         dead = t >= day.dead_zone_at
         acting[k, dead] = np.sign(acting[k, dead]) * np.maximum(np.abs(acting[k, dead]) - day.dead_zone, 0.0)
     load, put_on, where = np.array([(d.payload * M2, d.payload_at, d.payload_where) for d in days]).T
-    friction, drift, tilt, tilt_at = np.array([(d.friction, d.drift, d.tilt, d.tilt_at) for d in days]).T
+    drift, tilt, tilt_at = np.array([(d.drift, d.tilt, d.tilt_at) for d in days]).T
     # Of each sample and rig.
     times = t[:, None]
     torques = np.array([acting.T + hands[0], hands[1]])
-    worn, down = friction * (1 + drift * times / 600), tilt * (times >= tilt_at)
+    worn, down = 1 + drift * times / 600, tilt * (times >= tilt_at)
     viscous, dry = (np.multiply.outer(coefficients, worn) for coefficients in (B, FC))
     gravity = GRAVITY * np.array([np.sin(down), np.cos(down)])
     loads = load * (times >= put_on)

@@ -155,7 +155,7 @@ def test_topics_of_two_rigs_with_the_same_name_in_the_namespace_are_not_mixed(tm
             state = encode_joint_state(START, ('a', 'b'), [k, 0], [], [0.5, 0])
             writer.write(writer.add_topic(topic, JOINT_STATE), state, START)
     node.create_subscription(JointState, '/lab1/states', lambda m: received.append(m.position[0]), 100)
-    for topics, positions in (([''], []), (['/states'], [0]), (['states'], [1])):
+    for topics, positions in (([''], []), (['/states'], [0]), (['states'], [1]), (['/lab1/states'], [1])):
         received.clear()
         with Program('player', *parameters(bag=path, wait=10.0, topics=topics), '-r', '__ns:=/lab1') as program:
             assert spin_until(node, lambda: program.process.poll() is not None, 20.0)

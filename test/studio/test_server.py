@@ -131,16 +131,16 @@ def test_two_pages_work_concurrently_and_independently(studio, motion):
     t = np.arange(0, 18, 0.005)
     tau = np.column_stack([0.6 * np.sign(np.sin(9 * t)) * (np.sin(2.3 * t) > 0), np.zeros_like(t)])
     motions, pages = (motion, simulate(BALANCE, t, tau, HANGING)), (studio.open(), studio.open())
-    for page, each in zip(pages, motions, strict=True):
-        assert page.give('run.csv', csv(each))[0] == 200
+    for page, each, name in zip(pages, motions, ('phi', 'q1'), strict=True):
+        assert page.give('run.csv', csv(each, names=('t', name, 'q2', 'tau1')))[0] == 200
     before = {name: {'value': value} for name, value in asdict(PAPER).items() if value}
     pages[0].give('before.yaml', json.dumps({'schema': 1, 'parameters': before}))
-    starting = QUICK | {'criterion': 'likelihood', 'start': 'before.yaml'}
+    starting = QUICK | {'criterion': 'likelihood', 'start': 'before.yaml', 'columns': 'q1=phi'}
     answers = [page.post('identify', 'run.csv', **how) for page, how in zip(pages, (starting, QUICK), strict=True)]
     first = [json.loads(answer.readline()) for answer in answers]
     assert all('progress' in event for event in first), 'both must run at once'
     commands = [json.loads(answer.read().splitlines()[-1])['done']['command'] for answer in answers]
-    assert [command.endswith(' --start=START.yaml') for command in commands] == [True, False]
+    assert [command.endswith(' --start=START.yaml --columns q1=phi') for command in commands] == [True, False]
     started, other = (yaml.safe_load(page.output('result.yaml')) for page in pages)
     assert started['made_by']['start'][:7] == PAPER.vector().tolist()
     assert other['made_by']['start'] is None
@@ -206,5 +206,6 @@ def test_unknown_options_and_recordings_are_refused(page):
         assert answer.status == 400
         assert answer.read().decode().endswith('; load the page again')
     assert page.post('check', '/etc/passwd').status == 400
+    assert 'is expected' in page.do('check', 'paper_experiment', gear='x')['problem']['sentence']
     assert 'is expected' in page.do('identify', 'paper_experiment', bounds='b2')['problem']['sentence']
     assert page.do('describe', 'paper_experiment', criterion='weak', bounds='b2=0')['done']
