@@ -16,9 +16,9 @@ errors. White torque noise, with one intensity for each interval, represents unm
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from scipy.linalg import eigh
@@ -31,8 +31,11 @@ from pendubot_identification.model.parameters import repaired
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import encoder_step
 
-#: Maps a recorded motion and the unknowns of an effect to the motion with acting torques and true angles.
+T = TypeVar('T')
+#: Maps a recorded motion and the unknowns of an effect to the motion with acting torques.
 Shape = Callable[[Motion, Array], Motion]
+#: Maps recorded positions [rad], shape (N, 2), and the unknowns of an effect to the true positions.
+Calibration = Callable[[Array, Array], Array]
 #: Number of unknowns before the effects: theta, delay, offsets.
 SHARED = 17
 
@@ -156,12 +159,12 @@ class FilterData:
             tau[g, : len(impulse) - 1] = np.diff(impulse, axis=0) / np.diff(each.edges)[:, None]
         return tau
 
-    def positions(self, motions: Sequence[Motion]) -> tuple[Array, Array]:
-        """Return the initial states and the measured positions, shapes (G, 4), (G, S, 2)."""
+    def positions(self, calibrated: Callable[[Array], Array]) -> tuple[Array, Array]:
+        """Return the initial states and the measured positions, with true angles, shapes (G, 4), (G, S, 2)."""
         start, y = np.zeros((len(self.series), 4)), np.zeros((*self.samples.h.shape, 2))
         for g, each in enumerate(self.series):
-            motion = motions[each.recording]
-            q = motion.recorded.q[each.chosen]
+            motion = self.motions[each.recording]
+            q = calibrated(motion.recorded.q[each.chosen])
             start[g] = [*q[0], *motion.states(motion.recorded.t[each.chosen[:1]])[2:, 0]]
             y[g, self.samples.row[g] >= 0] = q[1:]
         return start, y
@@ -252,7 +255,8 @@ class Effect:
         where: the joint or part on which it acts.
         unknowns: of the effect.
         terms: additional torques, whose coefficients are the first unknowns.
-        shape: change of the recorded torque or the recorded angles by the other unknowns.
+        shape: change of the recorded torque by the other unknowns.
+        calibration: change of the recorded angles by the other unknowns.
         width: joints for which the width of the change of sign of dry friction is an unknown, the last ones.
         blind: whether the slope of J by its unknowns is 0 without it, so that it needs a start with it.
     """
@@ -262,6 +266,7 @@ class Effect:
     unknowns: tuple[Unknown, ...]
     terms: tuple[Term, ...] = ()
     shape: Shape | None = None
+    calibration: Calibration | None = None
     width: tuple[int, ...] = ()
     blind: bool = False
 
@@ -283,14 +288,6 @@ class Evaluation:
     information: Array
 
 
-class _Shaped(NamedTuple):
-    """Motions changed by effects, with initial states and positions, see :meth:`FilterData.positions`."""
-
-    motions: tuple[Motion, ...]
-    start: Array
-    y: Array
-
-
 @dataclass(frozen=True)
 class Likelihood:
     """J as a function of x: theta (14), delay, offsets, effects, and log noise (position, torque) at each level.
@@ -308,13 +305,13 @@ class Likelihood:
     upper: Array
     scale: Array
     effects: tuple[Effect, ...] = ()
-    _shaped: dict[bytes, _Shaped] = field(default_factory=dict, repr=False)
+    _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def of(self, filter_data: FilterData) -> Likelihood:
         """Return the likelihood of other filter data; further levels have the bounds of the first one."""
         levels = len(filter_data.settings.intervals)
         lower, upper = (self.widened(bound, levels) for bound in (self.lower, self.upper))
-        return replace(self, filter_data=filter_data, lower=lower, upper=upper, _shaped={})
+        return replace(self, filter_data=filter_data, lower=lower, upper=upper, _made={})
 
     def widened(self, x: Array, levels: int) -> Array:
         """Return x for another number of levels; further levels have the values of the first one."""
@@ -347,25 +344,24 @@ class Likelihood:
     def _vectors(self, lanes: Array) -> tuple[Samples, Vectors, tuple[Term, ...]]:
         """Return the inputs of the filters for L vectors of unknowns, shape (P, L)."""
         count, first = lanes.shape[1], SHARED
-        width, coefficients, shapes = np.full((2, count), SIGN_WIDTH), list[Array](), list[tuple[Shape, Array]]()
+        width, coefficients = np.full((2, count), SIGN_WIDTH), list[Array]()
+        shapes, calibrations = list[tuple[Shape, Array]](), list[tuple[Calibration, Array]]()
         for effect in self.effects:
             own, others = np.split(lanes[first : first + len(effect.unknowns)], [len(effect.terms)])
             first += len(effect.unknowns)
             coefficients += list(own)
             if effect.shape is not None:
                 shapes.append((effect.shape, others))
+            if effect.calibration is not None:
+                calibrations.append((effect.calibration, others))
             for joint, each in zip(effect.width, others, strict=False):
                 width[joint] = each
-        keys = np.vstack([lanes[14], *(unknowns for _, unknowns in shapes)])
+        keys = np.vstack([lanes[14], *(unknowns for _, unknowns in (*shapes, *calibrations))])
         _, different, table = np.unique(keys, axis=1, return_index=True, return_inverse=True)
-        shaped = [self._shaped_by([(f, unknowns[:, lane]) for f, unknowns in shapes]) for lane in different]
-        delays = lanes[14, different].tolist()
-        samples = replace(
-            self.filter_data.samples,
-            start=np.stack([s.start for s in shaped]),
-            tau=np.stack([self.filter_data.torques(s.motions, d) for s, d in zip(shaped, delays, strict=True)]),
-            y=np.stack([s.y for s in shaped]),
-        )
+        tau = [self._torques(float(lanes[14, k]), [(f, u[:, k]) for f, u in shapes]) for k in different]
+        positions = [self._positions([(f, u[:, k]) for f, u in calibrations]) for k in different]
+        start, y = map(np.stack, zip(*positions, strict=True))
+        samples = replace(self.filter_data.samples, start=start, tau=np.stack(tau), y=y)
         vectors = Vectors(
             theta=lanes[:14],
             offset=lanes[15:17],
@@ -376,17 +372,38 @@ class Likelihood:
         )
         return samples, vectors, tuple(term for effect in self.effects for term in effect.terms)
 
-    def _shaped_by(self, shapes: Sequence[tuple[Shape, Array]]) -> _Shaped:
-        """Return the motions changed by effects, from a cache of recent results."""
-        key = b''.join(unknowns.tobytes() for _, unknowns in shapes)
-        if key not in self._shaped:
-            if len(self._shaped) > 30:
-                self._shaped.clear()
-            motions = self.filter_data.motions
+    def _torques(self, delay: float, shapes: Sequence[tuple[Shape, Array]]) -> Array:
+        """Return the acting torques of all steps with a delay [s], see :meth:`FilterData.torques`."""
+
+        def shaped() -> list[Motion]:
+            motions = list(self.filter_data.motions)
             for shape, unknowns in shapes:
-                motions = tuple(shape(motion, unknowns) for motion in motions)
-            self._shaped[key] = _Shaped(motions, *self.filter_data.positions(motions))
-        return self._shaped[key]
+                motions = [shape(motion, unknowns) for motion in motions]
+            return motions
+
+        key = b''.join(unknowns.tobytes() for _, unknowns in shapes)
+        return self._once((key, delay), lambda: self.filter_data.torques(self._once((key,), shaped), delay))
+
+    def _positions(self, calibrations: Sequence[tuple[Calibration, Array]]) -> tuple[Array, Array]:
+        """Return initial states and true positions, see :meth:`FilterData.positions`."""
+
+        def calibrated(q: Array) -> Array:
+            for calibration, unknowns in calibrations:
+                q = calibration(q, unknowns)
+            return q
+
+        key = b''.join(unknowns.tobytes() for _, unknowns in calibrations)
+        return self._once(key, lambda: self.filter_data.positions(calibrated))
+
+    def _once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return a recent result with this key, or the result of ``make``."""
+        if key not in self._made:
+            made = make()
+            if len(self._made) > 30:
+                self._made.clear()
+            self._made[key] = made
+        result: T = self._made[key]
+        return result
 
     def innovations(self, x: Array) -> tuple[Array, Array]:
         """Return the innovations [rad] and their squared scales [rad^2], shapes (N, 2)."""

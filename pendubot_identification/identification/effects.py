@@ -21,7 +21,7 @@ from scipy.interpolate import CubicSpline, PPoly
 from scipy.linalg import solve_banded
 
 from pendubot_identification.arrays import Array
-from pendubot_identification.criteria.likelihood import Effect, LikelihoodFit, Shape, Unknown, fit
+from pendubot_identification.criteria.likelihood import Calibration, Effect, LikelihoodFit, Shape, Unknown, fit
 from pendubot_identification.model.dynamics import SIGN_WIDTH
 from pendubot_identification.model.filter import Term, TermKind
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
@@ -142,7 +142,7 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
             yield linear('creep', joint, TermKind.CREEP, number=slow, where=f', below {slow:g} rad/s')
         yield Effect('width', name, (Unknown(SIGN_WIDTH, 0.005, 3.0, SIGN_WIDTH),), width=(joint,))
         sine = Unknown(0.01, -0.1, 0.1)
-        yield Effect('eccentricity', f"{name}'s encoder", (sine, sine), shape=_eccentric(joint))
+        yield Effect('eccentricity', f"{name}'s encoder", (sine, sine), calibration=_eccentric(joint))
         for number in range(2, REPETITIONS + 1) if spans[joint] > TURN else ():
             yield linear('cogging', joint, TermKind.SINE, TermKind.COSINE, number=number, where=f', {number} a turn')
     dead = _sample_wise(lambda tau, zone: np.sign(tau) * np.maximum(np.abs(tau) - zone, 0))
@@ -196,24 +196,16 @@ def _limited_by_speed(delay: float) -> Shape:
     return shaped
 
 
-def _eccentric(joint: int) -> Shape:
-    """Return the shape of an encoder with an error of a sine plus a cosine of the angle [rad], the two unknowns."""
+def _eccentric(joint: int) -> Calibration:
+    """Return the calibration of an encoder whose error is a sine plus a cosine of the angle [rad], the two unknowns."""
 
-    def true_angle(measured: Array, unknowns: Array) -> Array:
-        angle = measured
+    def calibrated(q: Array, unknowns: Array) -> Array:
+        true: Array = q.copy()
         for _ in range(4):  # converges, because errors are small
-            angle = measured - unknowns[0] * np.sin(angle) - unknowns[1] * np.cos(angle)
-        return angle
+            true[:, joint] = q[:, joint] - unknowns[0] * np.sin(true[:, joint]) - unknowns[1] * np.cos(true[:, joint])
+        return true
 
-    def shaped(motion: Motion, unknowns: Array) -> Motion:
-        q, nodes = motion.recorded.q.copy(), motion.smoothed.x
-        q[:, joint] = true_angle(q[:, joint], unknowns)
-        states = motion.smoothed(nodes)
-        angle = states[:, joint] = true_angle(states[:, joint], unknowns)
-        states[:, 2 + joint] /= 1 + unknowns[0] * np.cos(angle) - unknowns[1] * np.sin(angle)
-        return replace(motion, smoothed=CubicSpline(nodes, states), recorded=replace(motion.recorded, q=q, qd=None))
-
-    return shaped
+    return calibrated
 
 
 def _lagged(motion: Motion, unknowns: Array) -> Motion:
@@ -228,6 +220,16 @@ def _lagged(motion: Motion, unknowns: Array) -> Motion:
     return replace(motion, impulse=PPoly((mean + (before - mean) * part)[None], t).antiderivative())
 
 
+def _calibrated(motion: Motion, calibration: Calibration, unknowns: Array) -> Motion:
+    """Return the motion with true angles; its velocities change by the derivative of the calibration."""
+    nodes, small = motion.smoothed.x, 1e-5
+    q, v = np.split(motion.smoothed(nodes), 2, axis=1)
+    slope = (calibration(q + small, unknowns) - calibration(q - small, unknowns)) / (2 * small)
+    smoothed = CubicSpline(nodes, np.hstack([calibration(q, unknowns), v * slope]))
+    recorded = replace(motion.recorded, q=calibration(motion.recorded.q, unknowns), qd=None)
+    return replace(motion, smoothed=smoothed, recorded=recorded)
+
+
 def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float) -> Motion:
     """Return a motion with the acting torques by the accepted effects, except a width, along its smoothed states.
 
@@ -235,8 +237,11 @@ def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float)
     """
     accepted, result = [(found.effect, found.sizes) for found in effects if found.accepted], motion
     for effect, sizes in accepted:
+        own = sizes[len(effect.terms) :]
         if effect.shape is not None:
-            result = effect.shape(result, sizes[len(effect.terms) :])
+            result = effect.shape(result, own)
+        if effect.calibration is not None:
+            result = _calibrated(result, effect.calibration, own)
     terms = [pair for effect, sizes in accepted for pair in zip(effect.terms, sizes, strict=False)]
     if not terms:
         return result
