@@ -419,7 +419,7 @@ def fit_all_samples(
         rest=-1.0,
     )
     # By the delay, torques before and after the recordings act at their ends.
-    late = data.linear('weak', 'rotor').delay
+    late = data.excerpt().linear('weak', 'rotor').delay
     motions = [m.part(m.start + max(late, 0.0), m.end + min(late, 0.0)) for m in data.motions]
     filter_data = FilterData.of(motions, native)
     quantum = np.log(filter_data.quantization) / 2

@@ -10,6 +10,7 @@ step.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -252,18 +253,13 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     """Estimate parameters by the composite likelihood and the last step."""
     part = data.excerpt()
     part, begin = _best_hold(part, first_fit(part, progress), progress)
-    fits, found = Fits.of(part, begin, progress), list[DetectedEffect]()
-    try:
-        best = fits.completed(data, progress)
-    except FloatingPointError:  # a filter diverges outside the excerpt
-        data = data.held(part.hold)
-        best = Fits.of(data, first_fit(data, progress), progress)
-    J = f'J = {best.rough.evaluation.cost:.6g}'
-    steps = [f'innovations at {best.rough.interval:g} s: {begin.iterations} scoring steps, {J}']
+    fits, found = [Fits.of(part, begin, progress)], list[DetectedEffect]()
     if effects:
         progress('searching for unmodelled effects', 0, 0, math.nan)
-        best, found = _with_effects(best, fits, progress)
+        found = _with_effects(fits, data.searched, progress)
+    best, found = _completed(data, fits, found, progress)
     accepted = [each for each in found if each.accepted]
+    steps = [f'innovations at {begin.interval:g} s: {begin.iterations} scoring steps, J = {begin.evaluation.cost:.6g}']
     steps += [f'together with {each.name} ({each.where})' for each in accepted]
     if best.data.hold == 'linear' and data.settings.hold == 'auto':
         steps.append(f'torque measured at its samples, not held: J = {best.rough.evaluation.cost:.6g}')
@@ -279,33 +275,51 @@ def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = Tru
     return answer.refined()
 
 
-def _with_effects(best: Fits, part: Fits, progress: Progress) -> tuple[Fits, list[DetectedEffect]]:
-    """Return the fits with the accepted effects, and the detected effects; the last one may be possible only.
-
-    Effects are detected in an excerpt, and accepted if they are also significant in all data.
-    """
-    found, last, share = list[DetectedEffect](), part, best.data.searched
-    for each, rough in find_effects(part.rough, EffectSettings(share=share)):
-        accepted = each.accepted or nearly_exact(part.data, rough)
+def _with_effects(fits: list[Fits], share: float, progress: Progress) -> list[DetectedEffect]:
+    """Return the detected effects, of which the last may be possible only; append the fits with each accepted one."""
+    found = list[DetectedEffect]()
+    for each, rough in find_effects(fits[0].rough, EffectSettings(share=share)):
+        accepted = each.accepted or nearly_exact(fits[-1].data, rough)
         if accepted:
             try:
-                extended = Fits.of(part.data, rough, progress)
-                accepted = extended.surely_better(last, each, share)
-                complete = extended.completed(best.data, progress) if accepted else best
+                extended = Fits.of(fits[-1].data, rough, progress)
             except FloatingPointError:
                 break
-            accepted = accepted and complete.surely_better(best, each)
+            accepted = extended.surely_better(fits[-1], each, share)
         # On an exact rig all samples have decided.
-        if accepted or (best.exact is None and each.z > EffectSettings().possible):
+        if accepted or (fits[-1].exact is None and each.z > EffectSettings().possible):
             found.append(replace(each, accepted=accepted))
         if not accepted:
             break
-        best, last = complete, extended
-    if last is not part:
-        held, rough = _best_hold(last.data, last.rough, progress)
-        if held.hold != best.data.hold:
-            best = Fits.of(held, rough, progress).completed(best.data, progress)
-    return best, found
+        fits.append(extended)
+    if len(fits) > 1:
+        held, rough = _best_hold(fits[-1].data, fits[-1].rough, progress)
+        if held.hold != fits[-1].data.hold:
+            fits[-1] = Fits.of(held, rough, progress)
+    return found
+
+
+def _completed(
+    data: TrainingData, fits: Sequence[Fits], found: Sequence[DetectedEffect], progress: Progress
+) -> tuple[Fits, list[DetectedEffect]]:
+    """Return the fits of all data, from fits of an excerpt with 0, 1, ... effects; all data confirm the last effect."""
+
+    def complete(count: int) -> Fits | None:
+        with contextlib.suppress(FloatingPointError):  # a filter diverges outside the excerpt
+            return fits[count].completed(data, progress)
+        return None
+
+    count = len(fits) - 1
+    best = complete(count)
+    while count and data.searched < 1:
+        before = complete(count - 1)
+        if best is not None and (before is None or best.surely_better(before, found[count - 1])):
+            break
+        best, count = before, count - 1
+    if best is None:
+        data = data.held(fits[0].data.hold)
+        best = Fits.of(data, first_fit(data, progress), progress)
+    return best, [*found[:count], *(replace(each, accepted=False) for each in found[count : count + 1])]
 
 
 def _best_hold(data: TrainingData, rough: LikelihoodFit, progress: Progress) -> tuple[TrainingData, LikelihoodFit]:

@@ -140,6 +140,18 @@ def test_effects_of_long_recordings_are_searched_in_the_middle_and_estimated_fro
     np.testing.assert_allclose(answer.theta[:5], [*rig.TRUE.values()][:5], rtol=1e-3)
 
 
+def test_an_effect_of_the_middle_of_long_recordings_alone_is_not_compensated(monkeypatch):
+    """The torque's sensor has an offset, whose sign changes: in the middle it is constant, on average zero."""
+    monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=10.0))
+    runs = rig.record(range(2), [Rig()] * 2, step=0.0025)
+    for k, run in enumerate(runs):
+        run.tau += np.where(abs(run.t - 5.0) < 2.5, 0.06, -0.06)
+        run.q += np.random.default_rng(k).normal(scale=0.003, size=run.q.shape)
+    answer, _ = fitted(*map(trajectory, runs), effects=True, model='coulomb', hold='zero')
+    (found,) = answer.effects
+    assert (found.name, found.where, found.accepted) == ('offset', 'shoulder', False)
+
+
 def test_the_estimate_without_a_recording_is_the_fit_of_the_others():
     answer, _ = fitted(*(recording(400, seed=seed) for seed in (1, 2)), model='viscous')
     for removed in range(2):
