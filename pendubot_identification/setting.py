@@ -14,16 +14,7 @@ from .errors import ParameterError
 
 @dataclass(frozen=True)
 class Setting:
-    """Name, default (which gives the type), meaning, unit and range of one setting.
-
-    Attributes:
-        dynamic: whether a node's parameter can be changed after the start.
-        optional: whether None is allowed (left open); ROS has no None, so its default stands for it.
-        length: number of values of a list; 0: any number.
-        distinct: whether the values of a list have to be different and not empty.
-        path: whether a text is a path; a node expands ~ in it, because no shell does that after NAME:=.
-        read: conversion of a text or a YAML value; by default, to the type of the default.
-    """
+    """Name, default (which gives the type), meaning, unit and range of one setting."""
 
     name: str
     default: Any
@@ -32,11 +23,12 @@ class Setting:
     minimum: float = -math.inf
     maximum: float = math.inf
     choices: tuple[str, ...] = ()
-    dynamic: bool = False
-    optional: bool = False
-    length: int = 0
-    distinct: bool = False
-    path: bool = False
+    dynamic: bool = False  #: whether a node's parameter can be changed after the start.
+    optional: bool = False  #: whether None is allowed (left open); ROS has no None, so its default stands for it.
+    length: int = 0  #: number of values of a list; 0: any number.
+    distinct: bool = False  #: whether the values of a list have to be different and not empty.
+    path: bool = False  #: whether a text is a path; a node expands ~ in it, because no shell does that after NAME:=.
+    #: conversion of a text or a YAML value; by default, to the type of the default.
     read: Callable[[Any], Any] | None = None
 
     def of_ros(self, value: Any) -> Any:

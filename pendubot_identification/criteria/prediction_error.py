@@ -45,48 +45,28 @@ LOST = 1e3
 
 @dataclass(frozen=True, slots=True)
 class PredictionSettings:
-    """The simulations, and their weight beside the prior.
+    """The simulations, and their weight beside the prior."""
 
-    Attributes:
-        horizons: prediction horizons [s].
-        stride: time from one start to the next [s].
-        weight: kappa; a magnitude adjustment of the composite likelihood gives .07 to .8, median .27.
-        shrinkage: weight of a prior scale of 1 for each recording, in independent simulations.
-        alternations: largest number of alternations between scales and parameters.
-        steps: largest number of Gauss-Newton steps in an alternation.
-        tolerance: least decrease of J in an alternation before another one.
-    """
-
-    horizons: tuple[float, ...] = HORIZONS[:ASSESSED]
-    stride: float = STRIDE
-    weight: float = 0.2
-    shrinkage: float = 20.0
-    alternations: int = 5
-    steps: int = 3
-    tolerance: float = 0.01
+    horizons: tuple[float, ...] = HORIZONS[:ASSESSED]  #: prediction horizons [s].
+    stride: float = STRIDE  #: time from one start to the next [s].
+    weight: float = 0.2  #: kappa; a magnitude adjustment of the composite likelihood gives .07 to .8, median .27.
+    shrinkage: float = 20.0  #: weight of a prior scale of 1 for each recording, in independent simulations.
+    alternations: int = 5  #: largest number of alternations between scales and parameters.
+    steps: int = 3  #: largest number of Gauss-Newton steps in an alternation.
+    tolerance: float = 0.01  #: least decrease of J in an alternation before another one.
 
 
 @dataclass(frozen=True, slots=True)
 class Simulations:
-    """L simulations from smoothed states.
+    """L simulations from smoothed states."""
 
-    Attributes:
-        recording: index of the recording of each simulation, shape (L,).
-        t: time of each start [s], shape (L,).
-        start: initial states, shape (4, L).
-        end: smoothed states at every horizon, shape (H, 4, L).
-        substeps: number of parts of :data:`STEP`.
-        tau: mean torques of every step, shape (2, K, L).
-        at: number of steps of each horizon.
-    """
-
-    recording: NDArray[np.intp]
-    t: Array
-    start: Array
-    end: Array
-    substeps: int
-    tau: Array
-    at: tuple[int, ...]
+    recording: NDArray[np.intp]  #: index of the recording of each simulation, shape (L,).
+    t: Array  #: time of each start [s], shape (L,).
+    start: Array  #: initial states, shape (4, L).
+    end: Array  #: smoothed states at every horizon, shape (H, 4, L).
+    substeps: int  #: number of parts of :data:`STEP`.
+    tau: Array  #: mean torques of every step, shape (2, K, L).
+    at: tuple[int, ...]  #: number of steps of each horizon.
 
     @classmethod
     def of(
@@ -135,23 +115,14 @@ class Simulations:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFit:
-    """The minimum of the criterion.
+    """The minimum of the criterion."""
 
-    Attributes:
-        theta: shape (D,).
-        information: of the prior and the errors, shape (D, D).
-        slopes: of each block's errors, shape (B, D).
-        informations: of each block's errors, shape (B, D, D).
-        scale: factor of S of each state and horizon, shape (H, 4).
-        factor: factor of S of each recording, shape (R,).
-    """
-
-    theta: Array
-    information: Array
-    slopes: Array
-    informations: Array
-    scale: Array
-    factor: Array
+    theta: Array  #: shape (D,).
+    information: Array  #: of the prior and the errors, shape (D, D).
+    slopes: Array  #: of each block's errors, shape (B, D).
+    informations: Array  #: of each block's errors, shape (B, D, D).
+    scale: Array  #: factor of S of each state and horizon, shape (H, 4).
+    factor: Array  #: factor of S of each recording, shape (R,).
 
 
 @np.errstate(all='ignore')
@@ -279,17 +250,11 @@ class _Criterion:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """Simulation errors at the end of each of :data:`HORIZONS`, over the states' standard deviations.
+    """Simulation errors at the end of each of :data:`HORIZONS`, over the states' standard deviations."""
 
-    Attributes:
-        errors: root mean square by horizon and state q1 q2 q1' q2', shape (H, 4); NaN if all motions are shorter.
-        still: the same for a prediction of constant state, shape (H, 4).
-        starts: number of simulations of each horizon, shape (H,).
-    """
-
-    errors: Array
-    still: Array
-    starts: NDArray[np.intp]
+    errors: Array  #: root mean square by horizon and state q1 q2 q1' q2', shape (H, 4); NaN if all motions are shorter.
+    still: Array  #: the same for a prediction of constant state, shape (H, 4).
+    starts: NDArray[np.intp]  #: number of simulations of each horizon, shape (H,).
 
     @property
     def error(self) -> Array:

@@ -86,32 +86,21 @@ SETTINGS = ConventionSettings()
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A convention that recordings break.
+    """A convention that recordings break."""
 
-    Attributes:
-        name: ``sign``, ``order``, ``absolute``, ``degrees``, ``counts``, ``unit``, ``zero``, ``offset``, ``delay``,
-            ``length``, or ``motion`` if the motion fits no pendubot after any correction.
-        found: the finding, in words.
-        remedy: the expected convention, and the correction, in words.
-        level: ERROR where parameters from such recordings are useless, else WARN.
-        unexplained: fraction of the squared effort that the model does not explain; NaN without a correction.
-        corrected: the same fraction after the correction.
-        change: the correction of the motion; None if there is none.
-        delay: of the effort [s], if that is the correction.
-        options: of the conversion that correct the recordings, if there are any.
-        corrected_conversion: the conversion with these options.
-    """
-
+    #: ``sign``, ``order``, ``absolute``, ``degrees``, ``counts``, ``unit``, ``zero``, ``offset``, ``delay``,
+    #: ``length``, or ``motion`` if the motion fits no pendubot after any correction.
     name: str
-    found: str
-    remedy: str
-    level: Level = Level.WARN
+    found: str  #: the finding, in words.
+    remedy: str  #: the expected convention, and the correction, in words.
+    level: Level = Level.WARN  #: ERROR where parameters from such recordings are useless, else WARN.
+    #: fraction of the squared effort that the model does not explain; NaN without a correction.
     unexplained: float = math.nan
-    corrected: float = math.nan
-    change: Affine | None = None
-    delay: float | None = None
-    options: tuple[str, ...] = ()
-    corrected_conversion: Conversion | None = None
+    corrected: float = math.nan  #: the same fraction after the correction.
+    change: Affine | None = None  #: the correction of the motion; None if there is none.
+    delay: float | None = None  #: of the effort [s], if that is the correction.
+    options: tuple[str, ...] = ()  #: of the conversion that correct the recordings, if there are any.
+    corrected_conversion: Conversion | None = None  #: the conversion with these options.
 
     @property
     def sentence(self) -> str:

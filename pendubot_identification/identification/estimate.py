@@ -33,15 +33,12 @@ INDEPENDENT = 1e-10
 
 @dataclass(frozen=True, slots=True)
 class IntervalSettings:
-    """Settings of the variance by the influence of parts of the data.
+    """Settings of the variance by the influence of parts of the data."""
 
-    Attributes:
-        prior: degrees of freedom of the common factor; with 2, the variance of two recordings, which has a single
-            degree of freedom, is as certain as the variance of four.
-        significance: level of the test whether recordings differ by more in one parameter than in the others.
-    """
-
+    #: degrees of freedom of the common factor; with 2, the variance of two recordings, which has a single degree of
+    #: freedom, is as certain as the variance of four.
     prior: float = 2.0
+    #: level of the test whether recordings differ by more in one parameter than in the others.
     significance: float = 0.05
 
 
@@ -50,100 +47,60 @@ SETTINGS = IntervalSettings()
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """The hold and the delay of the recorded effort.
+    """The hold and the delay of the recorded effort."""
 
-    Attributes:
-        hold: ``zero`` or ``linear``, see :class:`.settings.Settings`.
-        delay: input delay [s]: the effort recorded at t - delay acts at t.
-        std_error: of the delay [s]; NaN if it was not estimated.
-    """
-
-    hold: str
-    delay: float = 0.0
-    std_error: float = np.nan
+    hold: str  #: ``zero`` or ``linear``, see :class:`.settings.Settings`.
+    delay: float = 0.0  #: input delay [s]: the effort recorded at t - delay acts at t.
+    std_error: float = np.nan  #: of the delay [s]; NaN if it was not estimated.
 
 
 @dataclass(frozen=True, slots=True)
 class Zeros:
-    """The zero errors of recordings: the recorded position minus the true one.
+    """The zero errors of recordings: the recorded position minus the true one."""
 
-    Attributes:
-        recordings: names of the recordings.
-        angles: of both joints [rad], shape (2, R); NaN if they are not identifiable.
-        std_error: [rad], shape (2, R).
-    """
-
-    recordings: tuple[str, ...]
-    angles: Array
-    std_error: Array
+    recordings: tuple[str, ...]  #: names of the recordings.
+    angles: Array  #: of both joints [rad], shape (2, R); NaN if they are not identifiable.
+    std_error: Array  #: [rad], shape (2, R).
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """The answer of one criterion.
+    """The answer of one criterion."""
 
-    Attributes:
-        criterion: ``energy``, ``weak`` or ``likelihood``.
-        model: the name of one of :data:`.parameters.MODELS`.
-        theta: the estimate, shape (D,).
-        free: which parameters are neither on a bound nor fixed, shape (D,).
-        covariance: shape (D, D); NaN in the rows and columns of parameters on a bound.
-        correlation: of the errors by the information matrix at theta, shape (D, D), because the covariance of few
-            recordings is singular. NaN in the rows and columns of parameters that are on a bound or not identifiable.
-        std_error: shape (D,); without the bound for a parameter on its bound; NaN if it is not in the model.
-        freedom: degrees of freedom of the standard errors, infinite where they are normal, shape (D,) or ().
-        uncertainty: the method for the covariance, in words.
-        effort: hold and delay of the effort.
-        J: the criterion on the training data.
-        residuals: number of residuals that J averages.
-        condition_number: of the scaled information.
-        converged: whether the optimiser found a minimum.
-        steps: the result of each step of the optimisation, in words.
-        unexplained: J over J with all parameters zero; NaN for ``likelihood``.
-        J_exact: the exact minimum of a quadratic criterion within the bounds; NaN for others.
-        runs: results of the runs of MDE; None without MDE.
-        J_validation: the criterion on validation data; NaN without them.
-        J_validation_runs: the same for each run of MDE, shape (runs,); empty without.
-        prediction: of validation data.
-        zeros: of the recordings' positions; None where the criterion does not estimate them.
-        exact: whether the residual is at the quantization level.
-        fixed: which parameters were fixed at a value, shape (D,).
-        absent: the parameters that are not in the model of this rig, 0 in theta.
-        level: OK, WARN or ERROR.
-        warnings: reasons of the level, in sentences for the user.
-        consequences: other findings, if the warnings contain a severe fault of the recordings as their cause.
-        advice: motions that would determine the poorly determined parameters.
-    """
-
-    criterion: str
-    model: str
-    theta: Array
-    free: Flags
-    covariance: Array
+    criterion: str  #: ``energy``, ``weak`` or ``likelihood``.
+    model: str  #: the name of one of :data:`.parameters.MODELS`.
+    theta: Array  #: the estimate, shape (D,).
+    free: Flags  #: which parameters are neither on a bound nor fixed, shape (D,).
+    covariance: Array  #: shape (D, D); NaN in the rows and columns of parameters on a bound.
+    #: of the errors by the information matrix at theta, shape (D, D), because the covariance of few recordings is
+    #: singular. NaN in the rows and columns of parameters that are on a bound or not identifiable.
     correlation: Array
-    std_error: Array
-    uncertainty: str
-    effort: Effort
-    J: float
-    residuals: int
-    condition_number: float
-    converged: bool
-    fixed: Flags
-    steps: tuple[str, ...] = ()
-    unexplained: float = np.nan
-    J_exact: float = np.nan
-    runs: OptimizationResult | None = None
-    J_validation: float = np.nan
+    std_error: Array  #: shape (D,); without the bound for a parameter on its bound; NaN if it is not in the model.
+    uncertainty: str  #: the method for the covariance, in words.
+    effort: Effort  #: hold and delay of the effort.
+    J: float  #: the criterion on the training data.
+    residuals: int  #: number of residuals that J averages.
+    condition_number: float  #: of the scaled information.
+    converged: bool  #: whether the optimiser found a minimum.
+    fixed: Flags  #: which parameters were fixed at a value, shape (D,).
+    steps: tuple[str, ...] = ()  #: the result of each step of the optimisation, in words.
+    unexplained: float = np.nan  #: J over J with all parameters zero; NaN for ``likelihood``.
+    J_exact: float = np.nan  #: the exact minimum of a quadratic criterion within the bounds; NaN for others.
+    runs: OptimizationResult | None = None  #: results of the runs of MDE; None without MDE.
+    J_validation: float = np.nan  #: the criterion on validation data; NaN without them.
+    #: the same for each run of MDE, shape (runs,); empty without.
     J_validation_runs: Array = field(default_factory=lambda: np.empty(0))
-    prediction: Prediction = field(default_factory=Prediction.none)
-    zeros: Zeros | None = None
-    exact: bool = False
-    absent: tuple[str, ...] = ()
+    prediction: Prediction = field(default_factory=Prediction.none)  #: of validation data.
+    zeros: Zeros | None = None  #: of the recordings' positions; None where the criterion does not estimate them.
+    exact: bool = False  #: whether the residual is at the quantization level.
+    absent: tuple[str, ...] = ()  #: the parameters that are not in the model of this rig, 0 in theta.
+    #: degrees of freedom of the standard errors, infinite where they are normal, shape (D,) or ().
     freedom: Array = field(default_factory=lambda: np.array(math.inf))
-    level: Level = Level.OK
-    warnings: tuple[str, ...] = ()
+    level: Level = Level.OK  #: OK, WARN or ERROR.
+    warnings: tuple[str, ...] = ()  #: reasons of the level, in sentences for the user.
+    #: other findings, if the warnings contain a severe fault of the recordings as their cause.
     consequences: tuple[str, ...] = ()
-    advice: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()  #: motions that would determine the poorly determined parameters.
 
     @property
     def present(self) -> Flags:

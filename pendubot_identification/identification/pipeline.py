@@ -31,29 +31,19 @@ from .validation import assess, basis, folds, remaining_faults, remarks, require
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """The estimates of all criteria, and the findings for the level of the published one.
+    """The estimates of all criteria, and the findings for the level of the published one."""
 
-    Attributes:
-        settings: of the identification.
-        estimates: one for each requested criterion, and for energy; the last, most accurate one is published.
-        faults: of the recordings.
-        interval: sampling interval of the training data [s].
-        smoothing: smoothing window of the states [s].
-        validation: the predicted data, in words.
-        link_length: P3 / P5 [m] by the elbow's equation, and its standard error.
-        effects: unmodelled effects, the accepted ones first.
-        unmodelled: fraction of the innovations' variance of both joints that quantization does not explain; None
-            without the likelihood, or if the residual is at the quantization level.
-    """
-
-    settings: Settings
+    settings: Settings  #: of the identification.
+    #: one for each requested criterion, and for energy; the last, most accurate one is published.
     estimates: tuple[Estimate, ...]
-    faults: tuple[Fault, ...]
-    interval: float
-    smoothing: float
-    validation: str
-    link_length: tuple[float, float]
-    effects: tuple[DetectedEffect, ...] = ()
+    faults: tuple[Fault, ...]  #: of the recordings.
+    interval: float  #: sampling interval of the training data [s].
+    smoothing: float  #: smoothing window of the states [s].
+    validation: str  #: the predicted data, in words.
+    link_length: tuple[float, float]  #: P3 / P5 [m] by the elbow's equation, and its standard error.
+    effects: tuple[DetectedEffect, ...] = ()  #: unmodelled effects, the accepted ones first.
+    #: fraction of the innovations' variance of both joints that quantization does not explain; None without the
+    #: likelihood, or if the residual is at the quantization level.
     unmodelled: Array | None = None
 
     @property

@@ -33,30 +33,22 @@ RUNS = 10
 class Settings:
     """The criteria, the model, the data and the optimiser of an identification.
 
-    The fields correspond to :data:`.identification.OPTIONS`, which describes them; None stands for the default. These
-    differ:
-
-    Attributes:
-        criteria: option criterion. Of several, the likelihood is published, or else weak.
-        delays: option delay, the search interval [s].
-        start: the initial parameters.
-        bounds: the search box of all 14 parameters, or of the first ones; others have default bounds.
-        reading: the conversion of the recordings, from which the options that correct their faults follow.
-        applied: options of ``reading`` that were inferred from the recordings.
-        compensate: whether significant unmodelled effects are estimated together with theta.
+    Fields without a comment are described by the options of their names, :data:`.identification.OPTIONS`. None stands
+    for the default.
 
     Raises:
         ParameterError: a name is unknown, or a number is out of range.
     """
 
+    #: option criterion. Of several, the likelihood is published, or else weak.
     criteria: tuple[str, ...] = ('likelihood',)
     model: str = 'auto'
     optimizer: str = 'auto'
     sliding: float | None = None
     smoothing: float | None = None
     hold: str = 'auto'
-    delays: tuple[float, float] = DELAYS
-    start: Parameters | None = None
+    delays: tuple[float, float] = DELAYS  #: option delay, the search interval [s].
+    start: Parameters | None = None  #: the initial parameters.
     link_length: float | None = None
     link_mass: float | None = None
     population: int | None = None
@@ -65,10 +57,12 @@ class Settings:
     per_vector: bool = False
     runs: int | None = None
     seed: int = 1
+    #: the search box of all 14 parameters, or of the first ones; others have default bounds.
     bounds: Bounds = field(default_factory=default_bounds)
+    #: the conversion of the recordings, from which the options that correct their faults follow.
     reading: Conversion = field(default_factory=Conversion)
-    applied: tuple[str, ...] = ()
-    compensate: bool = True
+    applied: tuple[str, ...] = ()  #: options of ``reading`` that were inferred from the recordings.
+    compensate: bool = True  #: whether significant unmodelled effects are estimated together with theta.
 
     def __post_init__(self) -> None:
         if not self.criteria or len(set(self.criteria)) < len(self.criteria):

@@ -96,17 +96,11 @@ EXCITATION = {
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """A part of a recording that is predicted from the rest of the data.
+    """A part of a recording that is predicted from the rest of the data."""
 
-    Attributes:
-        held_out: the part.
-        recording: index of its recording.
-        rest: the other data.
-    """
-
-    held_out: Motion
-    recording: int
-    rest: tuple[Motion, ...]
+    held_out: Motion  #: the part.
+    recording: int  #: index of its recording.
+    rest: tuple[Motion, ...]  #: the other data.
 
 
 def folds(motions: Sequence[Motion]) -> list[Fold]:

@@ -78,29 +78,18 @@ class Term:
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """The inputs and measurements of G filters, each with at most S steps; N measurements in total.
+    """The inputs and measurements of G filters, each with at most S steps; N measurements in total."""
 
-    Attributes:
-        start: mean of the initial state, before subtraction of offsets [rad, rad/s], in T tables, shape (T, G, 4).
-        spread: variance of the initial state, shape (G, 4).
-        level: index of the noise level of each filter, shape (G,).
-        length: number of steps of each filter, shape (G,).
-        h: length of each step [s], shape (G, S).
-        elapsed: elapsed fraction of the total duration, from -0.5 to 0.5, shape (G, S).
-        tau: mean torques of each step [N m], shape (T, G, S, 2).
-        y: measured positions at the end of each step [rad], shape (T, G, S, 2).
-        row: index of this measurement, from 0 to N - 1; -1 without a measurement, shape (G, S).
-    """
-
+    #: mean of the initial state, before subtraction of offsets [rad, rad/s], in T tables, shape (T, G, 4).
     start: Array
-    spread: Array
-    level: Indices
-    length: Indices
-    h: Array
-    elapsed: Array
-    tau: Array
-    y: Array
-    row: Indices
+    spread: Array  #: variance of the initial state, shape (G, 4).
+    level: Indices  #: index of the noise level of each filter, shape (G,).
+    length: Indices  #: number of steps of each filter, shape (G,).
+    h: Array  #: length of each step [s], shape (G, S).
+    elapsed: Array  #: elapsed fraction of the total duration, from -0.5 to 0.5, shape (G, S).
+    tau: Array  #: mean torques of each step [N m], shape (T, G, S, 2).
+    y: Array  #: measured positions at the end of each step [rad], shape (T, G, S, 2).
+    row: Indices  #: index of this measurement, from 0 to N - 1; -1 without a measurement, shape (G, S).
 
     @property
     def measurements(self) -> int:
@@ -110,24 +99,16 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Vectors:
-    """L parameter vectors, with noise, offsets and additional torques.
+    """L parameter vectors, with noise, offsets and additional torques."""
 
-    Attributes:
-        theta: the 14 parameters, shape (14, L).
-        offset: of the measured positions [rad], shape (2, L).
-        noise: variances of both positions [rad^2] and intensities of both torques [(N m)^2 s] at each of K levels,
-            shape (K, 4, L).
-        width: of the change of sign of dry friction [rad/s], shape (2, L).
-        coefficient: of each of E terms, shape (E, L).
-        table: index of the table of the samples, shape (L,).
-    """
-
-    theta: Array
-    offset: Array
+    theta: Array  #: the 14 parameters, shape (14, L).
+    offset: Array  #: of the measured positions [rad], shape (2, L).
+    #: variances of both positions [rad^2] and intensities of both torques [(N m)^2 s] at each of K levels, shape
+    #: (K, 4, L).
     noise: Array
-    width: Array
-    coefficient: Array
-    table: Indices
+    width: Array  #: of the change of sign of dry friction [rad/s], shape (2, L).
+    coefficient: Array  #: of each of E terms, shape (E, L).
+    table: Indices  #: index of the table of the samples, shape (L,).
 
 
 class _Work(ctypes.Structure):

@@ -116,22 +116,15 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A result and its recordings, with smoothed states and without the compensated effects.
-
-    Attributes:
-        recorded: recordings, moved to follow each other in time; parts of one keep their distance.
-        marks: lines at the start of each further recording.
-        uncompensated: training motions with the effects, as energy and weak read them.
-        scale: standard deviations of the states, the unit of prediction errors, shape (4,).
-    """
+    """A result and its recordings, with smoothed states and without the compensated effects."""
 
     result: Result
-    recorded: Recordings
-    marks: Sequence[Span]
-    uncompensated: Sequence[Motion]
+    recorded: Recordings  #: recordings, moved to follow each other in time; parts of one keep their distance.
+    marks: Sequence[Span]  #: lines at the start of each further recording.
+    uncompensated: Sequence[Motion]  #: training motions with the effects, as energy and weak read them.
     estimating: Sequence[Motion]
     validating: Sequence[Motion]
-    scale: Array
+    scale: Array  #: standard deviations of the states, the unit of prediction errors, shape (4,).
 
     @classmethod
     def of(cls, result: Result, training: Sequence[Trajectory], validation: Sequence[Trajectory]) -> Prepared:

@@ -55,14 +55,10 @@ HEADERS |= {'Content-Security-Policy': POLICY}
 
 @dataclass
 class Session:
-    """The files of one page.
+    """The files of one page."""
 
-    Attributes:
-        folder: private folder, with received files in ``files`` and the files of the result in ``output``.
-        recordings: paths of recordings by name, absolute if given in the terminal, else relative to ``files``.
-    """
-
-    folder: Path
+    folder: Path  #: private folder, with received files in ``files`` and the files of the result in ``output``.
+    #: paths of recordings by name, absolute if given in the terminal, else relative to ``files``.
     recordings: dict[str, str]
 
     def place(self, name: str) -> Path:

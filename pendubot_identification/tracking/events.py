@@ -82,26 +82,17 @@ class Start:
 
 
 class State(NamedTuple):
-    """The estimated parameters at one time.
+    """The estimated parameters at one time."""
 
-    Attributes:
-        t: the middle of the newest block [s].
-        theta, std_error: physical parameters and their standard errors, shape (D,).
-        delay, delay_std_error: of the effort [s].
-        level, warnings: of the parameters; OK or WARN.
-        unexplained: RMS residual torque under test functions when the rig last moved [N m].
-        moving: whether a measurement was used.
-    """
-
-    t: float
-    theta: Array
-    std_error: Array
-    delay: float
-    delay_std_error: float
-    level: Level
-    warnings: tuple[str, ...]
-    unexplained: float
-    moving: bool
+    t: float  #: the middle of the newest block [s].
+    theta: Array  #: physical parameters, shape (D,).
+    std_error: Array  #: of theta, shape (D,).
+    delay: float  #: of the effort [s].
+    delay_std_error: float  #: of the delay [s].
+    level: Level  #: of the parameters; OK or WARN.
+    warnings: tuple[str, ...]  #: the reasons of the level.
+    unexplained: float  #: RMS residual torque under test functions when the rig last moved [N m].
+    moving: bool  #: whether a measurement was used.
 
     @property
     def names(self) -> tuple[str, ...]:
