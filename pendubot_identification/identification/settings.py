@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -27,6 +26,8 @@ from . import CRITERIA, DELAYS, OPTIONS, SPREAD
 
 #: Default number of runs of MDE, as in the paper.
 RUNS = 10
+#: The fields whose options have another name.
+FIELDS = {'criterion': 'criteria', 'delay': 'delays'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +68,8 @@ class Settings:
     def __post_init__(self) -> None:
         if not self.criteria or len(set(self.criteria)) < len(self.criteria):
             raise ParameterError(f'the criteria are {self.criteria}; one or more of {", ".join(CRITERIA)} are expected')
-        named = {'criterion': self.criteria, 'delay': self.delays}
         for option in OPTIONS:
-            option.check(named[option.name] if option.name in named else getattr(self, option.name))
+            option.check(getattr(self, FIELDS.get(option.name, option.name)))
         low, high = self.delays
         if low > high:
             raise ParameterError(f'the delay is searched from {low:g} to {high:g} s; the smaller one is expected first')
@@ -91,13 +91,6 @@ class Settings:
                 )
         mde, runs = self.search('energy', 'viscous')
         require_runs(runs, mde.population, self.seed)
-
-    @classmethod
-    def of(
-        cls, criterion: tuple[str, ...] = ('likelihood',), delay: tuple[float, float] = DELAYS, **others: Any
-    ) -> Settings:
-        """Return the settings for the user's options; the others have their defaults."""
-        return cls(criteria=criterion, delays=delay, **others)
 
     def of_rig(self, motions: Sequence[Trajectory]) -> Settings:
         """Return the settings for recordings: the search box, without friction under load of a joint without a motor.

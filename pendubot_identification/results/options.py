@@ -9,7 +9,7 @@ from typing import Any
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.identification import OPTIONS, START
-from pendubot_identification.identification.settings import Settings
+from pendubot_identification.identification.settings import FIELDS, Settings
 from pendubot_identification.model.parameters import Bounds, Parameters, default_bounds
 from pendubot_identification.setting import interval
 from pendubot_identification.trajectories.conventions import CONVERSION
@@ -31,10 +31,10 @@ def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Set
         names = ', '.join(option.name for option in (*OPTIONS, *CONVERSION))
         raise ParameterError(f'there is no option {min(unknown)!r}; the options are {names}')
     start = given.pop(START.name, None)
-    chosen = {name: known[name].parse(value) for name, value in given.items()}
+    chosen = {FIELDS.get(name, name): known[name].parse(value) for name, value in given.items()}
     if start is not None:
         chosen[START.name] = start if isinstance(start, Parameters) else read_result(Path(start)).theta
-    return Settings.of(bounds=bounds or default_bounds(), reading=Conversion.of(conversion), **chosen)
+    return Settings(bounds=bounds or default_bounds(), reading=Conversion.of(conversion), **chosen)
 
 
 def bounds_of(given: Mapping[str, Any] | Sequence[str]) -> Bounds:
