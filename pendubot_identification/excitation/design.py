@@ -53,11 +53,7 @@ IDENTIFIABLE = NAMES.index('k2')
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """The conditions under which a motion is recorded.
-
-    Raises:
-        ParameterError: a value is out of range.
-    """
+    """The conditions under which a motion is recorded. Raises ParameterError: a value is out of range."""
 
     duration: float = 18.0  #: Duration of the excitation, from hanging at rest [s].
     interval: float = 0.01  #: Sampling interval [s].
@@ -75,11 +71,7 @@ class Experiment:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The limits of a rig.
-
-    Raises:
-        ParameterError: a limit is not a positive number, or too large.
-    """
+    """The limits of a rig. Raises ParameterError: a limit is not a positive number, or too large."""
 
     torque: float = 1.0  #: Greatest torque, either way [N m].
     speed: float = 30.0  #: Greatest speed of either joint [rad/s].

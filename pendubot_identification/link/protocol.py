@@ -189,11 +189,7 @@ _CRC_RESIDUE = 0x2144DF1C
 
 
 def encode(message: Message) -> bytes:
-    """Return a message's frame, delimiter included.
-
-    Raises:
-        struct.error: a field is out of the range of its format.
-    """
+    """Return a message's frame, delimiter included. Raises struct.error: a field is out of the range of its format."""
     number, body = _BODIES[type(message)]
     values: tuple[Any, ...] = message
     if isinstance(message, Hello):

@@ -183,11 +183,7 @@ class FrameWriter:
         self._cut = False
 
     def write(self, data: bytes) -> bool:
-        """Write at once; return whether all bytes were written.
-
-        Raises:
-            OSError: the device is gone.
-        """
+        """Write at once; return whether all bytes were written. Raises OSError: the device is gone."""
         # A delimiter ends a truncated frame; otherwise the next frame would be lost with it.
         data = b'\0' + data if self._cut else data
         sent = 0

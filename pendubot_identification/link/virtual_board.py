@@ -40,11 +40,7 @@ LIMITS = Limits(
 
 @dataclass(frozen=True, slots=True)
 class BoardSettings:
-    """Properties of a virtual board.
-
-    Raises:
-        ParameterError: a value outside its range.
-    """
+    """Properties of a virtual board. Raises ParameterError: a value outside its range."""
 
     counts: int = 4000  #: Encoder counts per turn, both joints.
     torque_limit: float = 2.0  #: Largest torque [N m]; commands are clamped to it.

@@ -38,11 +38,7 @@ LANES = 16
 
 @dataclass(frozen=True, slots=True)
 class MDESettings:
-    """Table 6 of the paper, with its values as defaults.
-
-    Raises:
-        ParameterError: a setting is invalid.
-    """
+    """Table 6 of the paper, with its values as defaults. Raises ParameterError: a setting is invalid."""
 
     population: int = 30  #: NP, the vectors of one run.
     generations: int = 4000  #: most generations of a run.

@@ -59,11 +59,7 @@ class Affine(NamedTuple):
 
 @dataclass(frozen=True)
 class Conversion:
-    """The settings of :data:`.conventions.CONVERSION`.
-
-    Raises:
-        ParameterError: a value is invalid.
-    """
+    """The settings of :data:`.conventions.CONVERSION`. Raises ParameterError: a value is invalid."""
 
     topic: str = JOINT_STATES_TOPIC
     joints: tuple[str, ...] = JOINT_NAMES
