@@ -18,7 +18,7 @@ from pendubot_identification.criteria.energy import Regression
 from pendubot_identification.criteria.prediction_error import Prediction
 from pendubot_identification.level import NORMAL_95, POOR, Level
 from pendubot_identification.model.parameters import NAMES
-from pendubot_identification.optimizers.optimizer import OptimizationResult
+from pendubot_identification.optimizers.mde import OptimizationResult
 
 #: Callback: activity, amount done, total amount (0: unknown), and the best J so far.
 Progress = Callable[[str, int, int, float], None]

@@ -15,8 +15,7 @@ from pendubot_identification.criteria.quadratic import SIZING, Quadratic, box_fa
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.model.parameters import MODELS, NAMES, UNDER_LOAD, Bounds, Parameters, default_bounds
-from pendubot_identification.optimizers.mde import MDESettings
-from pendubot_identification.optimizers.optimizer import require_runs
+from pendubot_identification.optimizers.mde import MDESettings, require_runs
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import SMOOTHING

@@ -15,14 +15,15 @@ from numpy.typing import ArrayLike
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.model.parameters import Bounds
-from pendubot_identification.optimizers.mde import MDESettings, generation
-from pendubot_identification.optimizers.optimizer import (
+from pendubot_identification.optimizers.mde import (
+    MDESettings,
     Objective,
     OptimizationResult,
     State,
     best_points,
     columns,
     evaluate,
+    generation,
     random_points,
     run_generations,
 )

@@ -12,8 +12,7 @@ from scipy.stats import mannwhitneyu
 from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
 from pendubot_identification.model.parameters import Bounds
-from pendubot_identification.optimizers.mde import MDESettings, mde
-from pendubot_identification.optimizers.optimizer import MOST_VECTORS, Objective, OptimizationResult
+from pendubot_identification.optimizers.mde import MOST_VECTORS, MDESettings, Objective, OptimizationResult, mde
 
 from .competitors import CLASSIC, FUNCTIONS, PARTICLES, BenchmarkFunction, hde, pso
 

@@ -12,8 +12,7 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from pendubot_identification.optimizers import mde as mde_module
-from pendubot_identification.optimizers.mde import mde
-from pendubot_identification.optimizers.optimizer import columns
+from pendubot_identification.optimizers.mde import columns, mde
 from pendubot_identification.paper.competitors import CLASSIC, FUNCTIONS, hde, pso
 
 with mock.patch.object(np, 'Infinity', np.inf, create=True):  # numpy 2 has dropped the name

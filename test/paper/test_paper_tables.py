@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from pendubot_identification.optimizers.optimizer import OptimizationResult
+from pendubot_identification.optimizers.mde import OptimizationResult
 from pendubot_identification.paper import paper_tables, trials
 from pendubot_identification.paper.competitors import FUNCTIONS
 from pendubot_identification.paper.paper_tables import AVERAGE, TABLE_4, Table
