@@ -27,8 +27,6 @@ Progress = Callable[[str, int, int, float], None]
 REACHED = 1e-6
 #: Half-width of an interval, as a fraction of the value, above which the value is not reliable.
 WIDE = 0.5
-#: Eigenvalue of a correlation matrix below which it is a rounding error.
-INDEPENDENT = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,15 +137,6 @@ class Estimate:
             elif reach > WIDE * value:
                 reasons[NAMES[k]] = f'its 95 % interval is +-{100 * reach / value:.0f} %'
         return reasons
-
-    @property
-    def covariance_rank(self) -> int:
-        """The rank of the covariance without parameters on a bound: with few recordings or blocks, it is singular."""
-        variance = np.diag(self.covariance)
-        known = np.isfinite(variance) & (variance > 0)
-        deviation = np.sqrt(variance[known])
-        scaled = self.covariance[np.ix_(known, known)] / deviation / deviation[:, None]
-        return int(np.linalg.matrix_rank(scaled, tol=INDEPENDENT, hermitian=True)) if known.any() else 0
 
     @property
     def J_runs(self) -> Array:

@@ -217,7 +217,7 @@ def identification_values(result: Result) -> dict[str, Any]:
     data = plain(result)
     values = parameter_values(data['parameters'])
     for key, entry in data.items():
-        if key not in ('parameters', 'criteria', 'covariance', 'covariance_rank'):
+        if key not in ('parameters', 'criteria', 'covariance'):
             values |= flat(key, entry)
     for name, answer in data['criteria'].items():
         J = {key: answer['J'][key] for key in ('training', 'validation', 'unit')}

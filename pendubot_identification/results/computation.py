@@ -172,7 +172,6 @@ def assemble_result(found: Identification, sources: Sequence[Source]) -> tree.Re
         link_length=tree.LinkLength(value=length, std_error=length_error, expected=settings.link_length),
         criteria=answers,
         covariance=known(best.covariance[np.ix_(best.present, best.present)]),
-        covariance_rank=best.covariance_rank,
         made_by=_entry(
             tree.Provenance,
             settings,

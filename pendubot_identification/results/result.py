@@ -319,7 +319,6 @@ class Result(PartialResult):
     condition_number: Number
     criteria: dict[str, CriterionAnswer]
     covariance: list[list[Number]]
-    covariance_rank: int  #: below the number of parameters if it comes from few recordings.
     reading: dict[str, str]  #: conversion options of the recordings, see :class:`.conversion.Conversion`.
 
 
