@@ -84,14 +84,10 @@ class Estimator:
 
 
 class CommandMonitor:
-    """Compares the efforts in the samples with the commanded torques; ``period`` is the sampling period [s].
-
-    Attributes:
-        transport: delay from a sample to the application of its torque [samples].
-    """
+    """Compares the efforts in the samples with the commanded torques; ``period`` is the sampling period [s]."""
 
     def __init__(self, period: float) -> None:
-        self.transport = 1
+        self.transport = 1  #: delay from a sample to the application of its torque [samples].
         self._patience = max(SETTINGS.longest_transport + 1, round(SETTINGS.disobedience / period))
         self._commands: deque[float] = deque(maxlen=self._patience)
         self._seen: deque[int] = deque(maxlen=SETTINGS.transport_samples)

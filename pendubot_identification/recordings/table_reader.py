@@ -47,11 +47,8 @@ DECIMAL_COMMA = re.compile(r'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*')
 class TableReader:
     """A reader of a file with columns, with the attributes of :class:`.bag_reader.BagReader` that a result needs.
 
-    ``table`` has columns in memory; the path is then a name for messages.
-
-    Attributes:
-        given: the conversion by the user's options.
-        conversion: the same, completed by columns with usual names and by the units of their headers.
+    ``table`` has columns in memory; the path is then a name for messages. ``given`` is the conversion by the user's
+    options.
     """
 
     closed = True

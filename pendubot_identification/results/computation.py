@@ -79,15 +79,11 @@ def identify_recordings(
 
 
 class Computation:
-    """The child process of one identification: one thread runs it, and any thread may stop it.
-
-    Attributes:
-        stopped: whether it was stopped.
-    """
+    """The child process of one identification: one thread runs it, and any thread may stop it."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
-        self.stopped = False
+        self.stopped = False  #: whether it was stopped.
 
     def stop(self) -> None:
         """Kill the process, or prevent its start."""

@@ -46,19 +46,15 @@ WIDEST = 0.03
 
 
 class Tracker:
-    """Estimates the current parameters of a rig from its samples.
-
-    Attributes:
-        state: the newest parameters; None before tracking starts.
-        reason: the reason why tracking has not started.
-    """
+    """Estimates the current parameters of a rig from its samples."""
 
     def __init__(self, start: Start | None = None) -> None:
         self._settings = TrackerSettings()
         self._start = start or Start()
         self._bounds = default_bounds().of(MODELS[self._start.model])
         self._samples = Samples()
-        self.state: State | None = None
+        self.state: State | None = None  #: the newest parameters; None before tracking starts.
+        self.reason = ''  #: the reason why tracking has not started.
         self.reset()
 
     def reset(self) -> None:
