@@ -196,7 +196,7 @@ class Bounds:
         return Bounds(lower, upper, self.names)
 
     def without(self, names: Collection[str]) -> Bounds:
-        """Return the bounds of a model that lacks some of :data:`UNDER_LOAD`."""
+        """Return these bounds with some parameters fixed at 0."""
         kept = [name not in names for name in self.names]
         return Bounds(np.where(kept, self.lower, 0.0), np.where(kept, self.upper, 0.0), self.names)
 

@@ -249,9 +249,7 @@ def _explained(
 
 def _fixed(bounds: Bounds, present: Sequence[str]) -> Bounds:
     """Return the bounds with tilt and dead zone fixed at 0, except for the present ones."""
-    for name in {*TILT, DEAD_ZONE} - set(present):
-        bounds = bounds.replaced(name, 0.0, 0.0)
-    return bounds
+    return bounds.without({*TILT, DEAD_ZONE} - set(present))
 
 
 def _moving_blocks(motion: Trajectory, segment: SegmentSettings, settings: TrackerSettings) -> list[Block]:
