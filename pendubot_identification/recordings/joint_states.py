@@ -15,7 +15,7 @@ from rosbags.serde import SerdeError
 
 from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.errors import BagError
-from pendubot_identification.trajectories.conventions import JOINT_NAMES, JOINT_STATES_TOPIC
+from pendubot_identification.trajectories.conventions import JOINT_NAMES, TOPIC
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from .mcap_file import FIELDS, Messages
@@ -179,7 +179,7 @@ def write_trajectory(
     # Stamps must increase even if times increase by less than a nanosecond.
     stamps = np.maximum.accumulate(stamps - order) + order
     with complete_bag(path, overwrite=overwrite) as bag:
-        channel = bag.add_topic(JOINT_STATES_TOPIC, JOINT_STATE)
+        channel = bag.add_topic(TOPIC.default, JOINT_STATE)
         for k, stamp in enumerate(stamps.tolist()):
             velocity = () if trajectory.qd is None else trajectory.qd[k]
             data = encode_joint_state(stamp, JOINT_NAMES, trajectory.q[k], velocity, trajectory.tau[k])

@@ -17,8 +17,7 @@ from pendubot_identification.setting import Setting, words
 #: Required and optional columns of a motion.
 REQUIRED = ('t', 'q1', 'q2', 'tau1')
 OPTIONAL = ('tau2', 'dq1', 'dq2')
-#: Default topic and joint names of a bag.
-JOINT_STATES_TOPIC = '/joint_states'
+#: Default joint names of a bag.
 JOINT_NAMES = ('shoulder', 'elbow')
 
 
@@ -57,7 +56,7 @@ def _amount(name: str, text: str) -> float:
 TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 TORQUE_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'ozfin': 0.00706155}
 
-TOPIC = Setting('topic', JOINT_STATES_TOPIC, 'topic of a bag')
+TOPIC = Setting('topic', '/joint_states', 'topic of a bag')
 JOINTS = Setting('joints', ','.join(JOINT_NAMES), 'joint names in a bag', read=lambda value: tuple(words(value)))
 #: Options in the order of application; the first ones apply only to bags, or only to files with columns.
 CONVERSION = (

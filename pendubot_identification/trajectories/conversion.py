@@ -17,16 +17,7 @@ from pendubot_identification.arrays import Array
 from pendubot_identification.errors import ParameterError, TrajectoryError
 from pendubot_identification.setting import flag
 
-from .conventions import (
-    CONVERSION,
-    JOINT_NAMES,
-    JOINT_STATES_TOPIC,
-    OPTIONAL,
-    REQUIRED,
-    TIME_UNITS,
-    TORQUE_UNITS,
-    current_name,
-)
+from .conventions import CONVERSION, JOINT_NAMES, OPTIONAL, REQUIRED, TIME_UNITS, TOPIC, TORQUE_UNITS, current_name
 from .trajectory import LARGEST, Trajectory
 
 #: Quantities that can be negated or have an offset.
@@ -61,7 +52,7 @@ class Affine(NamedTuple):
 class Conversion:
     """The settings of :data:`.conventions.CONVERSION`. Raises ParameterError: a value is invalid."""
 
-    topic: str = JOINT_STATES_TOPIC
+    topic: str = TOPIC.default
     joints: tuple[str, ...] = JOINT_NAMES
     columns: Mapping[str, str] = field(default_factory=dict)
     skip_rows: int = 0
