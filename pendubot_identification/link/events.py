@@ -32,17 +32,13 @@ class HostConfig:
 
 
 class Sample(NamedTuple):
-    """One sample: positions [rad], velocities [rad/s], and the shoulder torque [N m] until the next sample.
+    """One sample of the board, in SI units."""
 
-    ``current`` is the measured motor current [A]. ``stamp_ns`` is the board's sampling time on the host's clock [ns],
-    which increases from sample to sample.
-    """
-
-    stamp_ns: int
-    q: Pair
-    qd: Pair
-    effort: float
-    current: float
+    stamp_ns: int  #: The board's sampling time on the host's clock [ns]; increases from sample to sample.
+    q: Pair  #: Positions [rad].
+    qd: Pair  #: Velocities [rad/s].
+    effort: float  #: Torque of the shoulder until the next sample [N m].
+    current: float  #: Measured motor current [A].
 
 
 @dataclass(frozen=True, slots=True)

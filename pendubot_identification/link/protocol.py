@@ -62,54 +62,41 @@ class Mode(IntEnum):
 
 
 class State(NamedTuple):
-    """One sample, board to host; ``torque`` is applied from this sample until the next.
-
-    ``t_us`` is the board's clock (wraps at 2^32), ``enc1`` and ``enc2`` are counts, not wrapped per turn, ``torque``
-    is in micro-N m, ``current`` in mA, ``vbus`` in 10 mV. ``cmd_seq`` is the number of the last COMMAND or ARM that was
-    executed, 0 before any. ``lock`` is required in the next ARM. ``refused`` counts ignored requests.
-    """
+    """One sample, board to host."""
 
     seq: int
-    t_us: int
-    enc1: int
+    t_us: int  #: The board's clock; wraps at 2^32.
+    enc1: int  #: Counts of the shoulder, not wrapped per turn.
     enc2: int
-    torque: int
-    current: int
-    vbus: int
-    cmd_seq: int
-    status: int
-    lock: int = 0
-    refused: int = 0
+    torque: int  #: Torque from this sample until the next [micro-N m].
+    current: int  #: [mA]
+    vbus: int  #: [10 mV]
+    cmd_seq: int  #: Number of the last COMMAND or ARM that was executed, 0 before any.
+    status: int  #: Bits of :class:`Status`.
+    lock: int = 0  #: Required in the next ARM.
+    refused: int = 0  #: Number of ignored requests.
 
 
 class Command(NamedTuple):
-    """Host to board: disarm (mode 0), hold ``torque`` [micro-N m] for ``watchdog_ms`` (mode 1), or store the
-    confirmation of both encoders' zeros (mode 2).
-
-    The board executes mode 1 only with the ``session`` that armed it, mode 2 only with its ``boot_id`` as ``session``,
-    and mode 0 from any host.
-    """
+    """Host to board: disarm, from any host, hold a torque, or store the confirmation of both encoders' zeros."""
 
     seq: int
     t_us: int
-    mode: int
-    watchdog_ms: int = 0
-    torque: int = 0
-    session: int = 0
+    mode: int  #: See :class:`Mode`.
+    watchdog_ms: int = 0  #: Time for which the torque is held.
+    torque: int = 0  #: [micro-N m]
+    session: int = 0  #: For a torque, the session that armed the board; for the zeros, its boot_id.
 
 
 class Arm(NamedTuple):
-    """Host to board: arm for COMMANDs of ``session`` (not 0), with torque 0 for ``watchdog_ms``.
-
-    ``boot_id`` has to equal the value in HELLO, ``lock`` the value in the newest STATE.
-    """
+    """Host to board: arm for COMMANDs of a session, with torque 0."""
 
     seq: int
     t_us: int
-    boot_id: int
-    session: int
-    lock: int
-    watchdog_ms: int
+    boot_id: int  #: Has to equal the value in HELLO.
+    session: int  #: Not 0.
+    lock: int  #: Has to equal the value in the newest STATE.
+    watchdog_ms: int  #: Time for which the board stays armed without a COMMAND.
 
 
 class Limits(NamedTuple):
@@ -127,24 +114,20 @@ class Limits(NamedTuple):
 
 
 class Hello(NamedTuple):
-    """Board to host, at boot and on request: the board's identity, scale factors and limits.
-
-    ``fault_cause`` and ``fault_pc`` are the exception number and the program counter of the processor fault before this
-    boot; 0: no fault since power-on. ``build`` identifies the firmware's source.
-    """
+    """Board to host, at boot and on request: the board's identity, scale factors and limits."""
 
     seq: int
     t_us: int
     boot_id: int
     reset_cause: int
-    fault_cause: int
+    fault_cause: int  #: Exception number of the processor fault before this boot; 0: none since power-on.
     watchdog_max_ms: int
     cpr1: int  #: Encoder counts per turn, of the shoulder.
     cpr2: int
     torque_limit: int  #: [micro-N m]
     sample_period_us: int
-    fault_pc: int
-    build: int
+    fault_pc: int  #: Program counter at that fault.
+    build: int  #: Identifies the firmware's source.
     torque_constant: int  #: [micro-N m per A]
     limits: Limits
     firmware: str
@@ -158,14 +141,13 @@ class HelloRequest(NamedTuple):
 
 
 class Damaged(NamedTuple):
-    """Dropped bytes, with the reason (``overlong``, ``cobs``, ``length``, ``crc``, ``version``, ``type``).
+    """Dropped bytes.
 
     ``overlong`` is reported once, after more bytes than in the longest frame; the bytes end at the next 0x00.
-    ``version`` is the protocol version of a complete frame of another version, else 0.
     """
 
-    reason: str
-    version: int = 0
+    reason: str  #: ``overlong``, ``cobs``, ``length``, ``crc``, ``version`` or ``type``.
+    version: int = 0  #: Protocol version of a complete frame of another version, else 0.
 
 
 Message = State | Command | Hello | HelloRequest | Arm
