@@ -42,32 +42,22 @@ SHARED = 17
 
 @dataclass(frozen=True, slots=True)
 class LikelihoodSettings:
-    """The sampling of the recordings, and the distribution of the innovations.
+    """The sampling of the recordings, and the distribution of the innovations."""
 
-    Attributes:
-        intervals: sampling intervals of the filters [s]; beyond 0.2 s the likelihood has wrong optima.
-        step: longest Runge-Kutta step [s].
-        turn: largest rotation of a joint in a step [rad].
-        freedom: nu, degrees of freedom of the innovations; 1e9: Gaussian.
-        offset: standard deviation of the zeros of both positions [rad].
-        rest: a sample has no weight if both joints move by at most this number of encoder steps: at rest neither torque
-            noise nor quantization is white.
-        still: time before and after a sample within which ``rest`` counts the motion [s].
-        block: approximate duration of the blocks of time, the correlation time of the errors [s].
-        fine: longest step [s] where a joint is slower than ``slow`` [rad/s] or reverses: dry friction is stiff.
-        slow: speed limit of ``fine`` [rad/s].
-    """
-
+    #: sampling intervals of the filters [s]; beyond 0.2 s the likelihood has wrong optima.
     intervals: tuple[float, ...] = (0.05, 0.1, 0.2)
-    step: float = 0.005
-    freedom: float = 12.0
-    offset: float = 0.005
+    step: float = 0.005  #: longest Runge-Kutta step [s].
+    freedom: float = 12.0  #: nu, degrees of freedom of the innovations; 1e9: Gaussian.
+    offset: float = 0.005  #: standard deviation of the zeros of both positions [rad].
+    #: a sample has no weight if both joints move by at most this number of encoder steps: at rest neither torque noise
+    #: nor quantization is white.
     rest: float = 2.5
-    still: float = 0.1
-    block: float = 1.0
-    turn: float = 0.2
+    still: float = 0.1  #: time before and after a sample within which ``rest`` counts the motion [s].
+    block: float = 1.0  #: approximate duration of the blocks of time, the correlation time of the errors [s].
+    turn: float = 0.2  #: largest rotation of a joint in a step [rad].
+    #: longest step [s] where a joint is slower than ``slow`` [rad/s] or reverses: dry friction is stiff.
     fine: float = math.inf
-    slow: float = 0.0
+    slow: float = 0.0  #: speed limit of ``fine`` [rad/s].
 
 
 class Series(NamedTuple):
@@ -83,29 +73,17 @@ class Series(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FilterData:
-    """The inputs of the filters for R recordings at K intervals, in the order of :class:`.filter.Samples`.
+    """The inputs of the filters for R recordings at K intervals, in the order of :class:`.filter.Samples`."""
 
-    Attributes:
-        motions: the recordings.
-        settings: the sampling.
-        series: of each filter.
-        samples: without states, torques and positions.
-        weight: of each measurement, 1 or, at rest, 0, shape (N,).
-        t: time of each measurement [s], shape (N,).
-        block: index of the block of time of each measurement, shape (N,).
-        owner: index of the recording of each block, shape (B,).
-        quantization: variance of the positions' quantization [rad^2], shape (2,).
-    """
-
-    motions: tuple[Motion, ...]
-    settings: LikelihoodSettings
-    series: tuple[Series, ...]
-    samples: Samples
-    weight: Array
-    t: Array
-    block: Indices
-    owner: Indices
-    quantization: Array
+    motions: tuple[Motion, ...]  #: the recordings.
+    settings: LikelihoodSettings  #: the sampling.
+    series: tuple[Series, ...]  #: of each filter.
+    samples: Samples  #: without states, torques and positions.
+    weight: Array  #: of each measurement, 1 or, at rest, 0, shape (N,).
+    t: Array  #: time of each measurement [s], shape (N,).
+    block: Indices  #: index of the block of time of each measurement, shape (N,).
+    owner: Indices  #: index of the recording of each block, shape (B,).
+    quantization: Array  #: variance of the positions' quantization [rad^2], shape (2,).
 
     @classmethod
     def of(cls, motions: Sequence[Motion], settings: LikelihoodSettings | None = None) -> FilterData:
@@ -248,63 +226,40 @@ class Unknown(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """An extension of the model by an unmodelled effect.
+    """An extension of the model by an unmodelled effect."""
 
-    Attributes:
-        name: of the effect.
-        where: the joint or part on which it acts.
-        unknowns: of the effect.
-        terms: additional torques, whose coefficients are the first unknowns.
-        shape: change of the recorded torque by the other unknowns.
-        calibration: change of the recorded angles by the other unknowns.
-        width: joints for which the width of the change of sign of dry friction is an unknown, the last ones.
-        blind: whether the slope of J by its unknowns is 0 without it, so that it needs a start with it.
-    """
-
-    name: str
-    where: str
-    unknowns: tuple[Unknown, ...]
-    terms: tuple[Term, ...] = ()
-    shape: Shape | None = None
-    calibration: Calibration | None = None
+    name: str  #: of the effect.
+    where: str  #: the joint or part on which it acts.
+    unknowns: tuple[Unknown, ...]  #: of the effect.
+    terms: tuple[Term, ...] = ()  #: additional torques, whose coefficients are the first unknowns.
+    shape: Shape | None = None  #: change of the recorded torque by the other unknowns.
+    calibration: Calibration | None = None  #: change of the recorded angles by the other unknowns.
+    #: joints for which the width of the change of sign of dry friction is an unknown, the last ones.
     width: tuple[int, ...] = ()
-    blind: bool = False
+    blind: bool = False  #: whether the slope of J by its unknowns is 0 without it, so that it needs a start with it.
 
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """J with slope and expected information by P unknowns.
+    """J with slope and expected information by P unknowns."""
 
-    Attributes:
-        costs: of each block of time, shape (B,); slopes, shape (B, P), and informations, shape (B, P, P), likewise.
-        cost: of all blocks and the prior, infinite if a filter diverges; slope and information likewise.
-    """
-
-    costs: Array
-    slopes: Array
-    informations: Array
-    cost: float
-    slope: Array
-    information: Array
+    costs: Array  #: of each block of time, shape (B,).
+    slopes: Array  #: of each block, shape (B, P).
+    informations: Array  #: of each block, shape (B, P, P).
+    cost: float  #: of all blocks and the prior, infinite if a filter diverges.
+    slope: Array  #: likewise, shape (P,).
+    information: Array  #: likewise, shape (P, P).
 
 
 @dataclass(frozen=True)
 class Likelihood:
-    """J as a function of x: theta (14), delay, offsets, effects, and log noise (position, torque) at each level.
+    """J as a function of x: theta (14), delay, offsets, effects, and log noise (position, torque) at each level."""
 
-    Attributes:
-        filter_data: the inputs of the filters.
-        lower: lower bounds of x, shape (P,); equal bounds fix an unknown.
-        upper: upper bounds.
-        scale: of the unknowns that all levels share, for finite differences.
-        effects: that extend the model.
-    """
-
-    filter_data: FilterData
-    lower: Array
-    upper: Array
-    scale: Array
-    effects: tuple[Effect, ...] = ()
+    filter_data: FilterData  #: the inputs of the filters.
+    lower: Array  #: lower bounds of x, shape (P,); equal bounds fix an unknown.
+    upper: Array  #: upper bounds.
+    scale: Array  #: of the unknowns that all levels share, for finite differences.
+    effects: tuple[Effect, ...] = ()  #: that extend the model.
     _made: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 
     def of(self, filter_data: FilterData) -> Likelihood:
@@ -469,22 +424,14 @@ class Likelihood:
 
 @dataclass(frozen=True, slots=True)
 class LikelihoodFit:
-    """The minimum of J by Fisher scoring.
+    """The minimum of J by Fisher scoring."""
 
-    Attributes:
-        likelihood: J.
-        x: the unknowns, shape (P,).
-        free: whether each unknown is estimated and not on a bound, shape (P,).
-        evaluation: of J at x.
-        iterations: number of scoring steps.
-        converged: whether the last step, or one that failed, was predicted to gain less than 1: 1.4 standard errors.
-    """
-
-    likelihood: Likelihood
-    x: Array
-    free: Flags
-    evaluation: Evaluation
-    iterations: int
+    likelihood: Likelihood  #: J.
+    x: Array  #: the unknowns, shape (P,).
+    free: Flags  #: whether each unknown is estimated and not on a bound, shape (P,).
+    evaluation: Evaluation  #: of J at x.
+    iterations: int  #: number of scoring steps.
+    #: whether the last step, or one that failed, was predicted to gain less than 1: 1.4 standard errors.
     converged: bool
 
     @property

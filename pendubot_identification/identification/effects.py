@@ -68,23 +68,14 @@ FRICTION = ('asymmetry', 'width', 'drag', 'drift', 'creep')
 
 @dataclass(frozen=True, slots=True)
 class DetectedEffect:
-    """An effect that the recordings show.
+    """An effect that the recordings show."""
 
-    Attributes:
-        effect: the candidate.
-        sizes: estimates of its unknowns.
-        gain: decrease of J.
-        z: statistic of Vuong's test.
-        accepted: whether it is significant, and the published parameters were estimated together with it.
-        moved: relative change of P1 to P5 by the effect, shape (5,).
-    """
-
-    effect: Effect
-    sizes: Array
-    gain: float
-    z: float
-    accepted: bool
-    moved: Array
+    effect: Effect  #: the candidate.
+    sizes: Array  #: estimates of its unknowns.
+    gain: float  #: decrease of J.
+    z: float  #: statistic of Vuong's test.
+    accepted: bool  #: whether it is significant, and the published parameters were estimated together with it.
+    moved: Array  #: relative change of P1 to P5 by the effect, shape (5,).
 
     @property
     def name(self) -> str:
@@ -256,23 +247,16 @@ def compensated(motion: Motion, effects: Sequence[DetectedEffect], delay: float)
 
 @dataclass(frozen=True, slots=True)
 class EffectSettings:
-    """Thresholds of the selection of effects.
+    """Thresholds of the selection of effects."""
 
-    Attributes:
-        share: searched fraction of the recordings; z of all data is z over the square root of this fraction.
-        fitted: number of candidates that are fitted, by decreasing predicted gain.
-        sure: Vuong's z of a significant effect; 3 would suffice for a few candidates, but not for few uneven blocks.
-        possible: z above which an effect is reported as possible.
-        tried: z above which an effect is fitted to all samples of an exact rig.
-        rounds: largest number of accepted effects.
-    """
-
+    #: searched fraction of the recordings; z of all data is z over the square root of this fraction.
     share: float = 1.0
-    fitted: int = 5
+    fitted: int = 5  #: number of candidates that are fitted, by decreasing predicted gain.
+    #: Vuong's z of a significant effect; 3 would suffice for a few candidates, but not for few uneven blocks.
     sure: float = 6.0
-    possible: float = 4.0
-    tried: float = 3.0
-    rounds: int = 3
+    possible: float = 4.0  #: z above which an effect is reported as possible.
+    tried: float = 3.0  #: z above which an effect is fitted to all samples of an exact rig.
+    rounds: int = 3  #: largest number of accepted effects.
 
 
 def find_effects(

@@ -44,41 +44,30 @@ GEARED = MODELS['geared']
 
 @dataclass(frozen=True, slots=True)
 class FittingSettings:
-    """Settings of the minimisation of the likelihood, and limits of an exact rig.
+    """Settings of the minimisation of the likelihood, and limits of an exact rig."""
 
-    Attributes:
-        shortest: shortest recording that is fitted [s].
-        least_share: least fraction of P1, and of P2, in their sum at the start: a start on a bound cannot move.
-        noise: torque noise at the start, averaged over 0.1 s, as a fraction of the effort.
-        noisiest: largest standard deviation of the positions' noise [rad], unless 20 times their quantization is more.
-        louder: factor of the initial noise after a filter has diverged.
-        smaller: factor of P1 to P5 in a third attempt.
-        held_step: sampling interval [s] above which held and measured torque differ by more than a delay.
-        quiet: largest torque noise of an exact rig over 0.1 s over the effort, at shoulder and elbow (docs/method.md).
-        quantized: largest noise of the positions over their quantization.
-        variance: largest mean of the squared innovations over their expected variances, in every recording.
-        least: least unexplained fraction of the variance of the innovations that shows an effect: 1 - 1 / variance.
-        fine: Runge-Kutta step [s] of the exact fit where a joint is slower than ``slow`` [rad/s].
-        slow: six widths of the change of sign of dry friction [rad/s], within which short steps are needed.
-        between: longest step of the exact fit [s] if, by the delay, the torque changes between samples, by more than a
-            tenth of this: steps use the mean torque.
-        search: duration of the excerpt [s] in which faults, hold and effects are searched; all data confirm effects.
-    """
-
-    shortest: float = 1.0
+    shortest: float = 1.0  #: shortest recording that is fitted [s].
+    #: least fraction of P1, and of P2, in their sum at the start: a start on a bound cannot move.
     least_share: float = 0.05
-    noise: float = 0.1
+    noise: float = 0.1  #: torque noise at the start, averaged over 0.1 s, as a fraction of the effort.
+    #: largest standard deviation of the positions' noise [rad], unless 20 times their quantization is more.
     noisiest: float = 0.02
-    louder: float = 10.0
-    smaller: float = 0.7
-    held_step: float = 0.004
+    louder: float = 10.0  #: factor of the initial noise after a filter has diverged.
+    smaller: float = 0.7  #: factor of P1 to P5 in a third attempt.
+    held_step: float = 0.004  #: sampling interval [s] above which held and measured torque differ by more than a delay.
+    #: largest torque noise of an exact rig over 0.1 s over the effort, at shoulder and elbow (docs/method.md).
     quiet: tuple[float, float] = (6e-3, 2e-2)
-    quantized: float = 1.15
+    quantized: float = 1.15  #: largest noise of the positions over their quantization.
+    #: largest mean of the squared innovations over their expected variances, in every recording.
     variance: float = 1.25
+    #: least unexplained fraction of the variance of the innovations that shows an effect: 1 - 1 / variance.
     least: float = 0.2
-    fine: float = 0.0005
-    slow: float = 0.3
+    fine: float = 0.0005  #: Runge-Kutta step [s] of the exact fit where a joint is slower than ``slow`` [rad/s].
+    slow: float = 0.3  #: six widths of the change of sign of dry friction [rad/s], within which short steps are needed.
+    #: longest step of the exact fit [s] if, by the delay, the torque changes between samples, by more than a tenth of
+    #: this: steps use the mean torque.
     between: float = 0.001
+    #: duration of the excerpt [s] in which faults, hold and effects are searched; all data confirm effects.
     search: float = 150.0
 
 
@@ -87,21 +76,13 @@ SETTINGS = FittingSettings()
 
 @dataclass(frozen=True, slots=True)
 class TrainingData:
-    """Prepared training recordings.
+    """Prepared training recordings."""
 
-    Attributes:
-        motions: the recordings with states and torques.
-        smoothing: smoothing window of the states [s].
-        hold: of the torque between samples: ``zero`` or ``linear``.
-        scale: the states' standard deviations, shape (4,).
-        settings: of the identification.
-    """
-
-    motions: tuple[Motion, ...]
-    smoothing: float
-    hold: str
-    scale: Array
-    settings: Settings
+    motions: tuple[Motion, ...]  #: the recordings with states and torques.
+    smoothing: float  #: smoothing window of the states [s].
+    hold: str  #: of the torque between samples: ``zero`` or ``linear``.
+    scale: Array  #: the states' standard deviations, shape (4,).
+    settings: Settings  #: of the identification.
 
     @classmethod
     def prepare(cls, trajectories: Sequence[Trajectory], settings: Settings) -> TrainingData:
@@ -151,19 +132,12 @@ class TrainingData:
 
 
 class Linear(NamedTuple):
-    """A quadratic criterion of recordings.
+    """A quadratic criterion of recordings."""
 
-    Attributes:
-        residuals: of each recording.
-        criterion: pooled over the recordings.
-        delay: of the effort [s].
-        weights: of the three weak-form residuals, shape (3,); empty for ``energy``.
-    """
-
-    residuals: list[Regression]
-    criterion: Quadratic
-    delay: float
-    weights: Array
+    residuals: list[Regression]  #: of each recording.
+    criterion: Quadratic  #: pooled over the recordings.
+    delay: float  #: of the effort [s].
+    weights: Array  #: of the three weak-form residuals, shape (3,); empty for ``energy``.
 
 
 def linear(name: str, motions: Sequence[Motion], model: str, settings: Settings, like: Linear | None = None) -> Linear:

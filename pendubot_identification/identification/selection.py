@@ -43,19 +43,12 @@ from .fitting import (
 
 @dataclass(frozen=True, slots=True)
 class Fits:
-    """The fits of one model.
+    """The fits of one model."""
 
-    Attributes:
-        data: with the hold of the torque.
-        rough: of the shortest interval.
-        all_intervals: of all intervals.
-        exact: of all samples; None if the residual is above the quantization level.
-    """
-
-    data: TrainingData
-    rough: LikelihoodFit
-    all_intervals: LikelihoodFit
-    exact: LikelihoodFit | None
+    data: TrainingData  #: with the hold of the torque.
+    rough: LikelihoodFit  #: of the shortest interval.
+    all_intervals: LikelihoodFit  #: of all intervals.
+    exact: LikelihoodFit | None  #: of all samples; None if the residual is above the quantization level.
 
     @classmethod
     def of(cls, data: TrainingData, rough: LikelihoodFit, progress: Progress) -> Fits:
@@ -101,29 +94,17 @@ class Fits:
 
 @dataclass(frozen=True, slots=True)
 class Composite(Fits):
-    """The estimate from recordings of one rig, with the contribution of each block of time.
+    """The estimate from recordings of one rig, with the contribution of each block of time."""
 
-    Attributes:
-        model: the name of one of :data:`.parameters.MODELS`.
-        effects: detected effects.
-        theta: shape (14,).
-        free: which parameters are estimated and not on a bound, shape (14,).
-        information: of theta, with other unknowns eliminated, shape (14, 14).
-        slopes: of each block of time at theta, shape (B, 14).
-        informations: of each block of time, shape (B, 14, 14).
-        unexplained: the fraction of the innovations' variance that quantization does not explain, shape (2,).
-        steps: of the optimisation, in words.
-    """
-
-    model: str
-    effects: tuple[DetectedEffect, ...]
-    theta: Array
-    free: Flags
-    information: Array
-    slopes: Array
-    informations: Array
-    unexplained: Array
-    steps: tuple[str, ...]
+    model: str  #: the name of one of :data:`.parameters.MODELS`.
+    effects: tuple[DetectedEffect, ...]  #: detected effects.
+    theta: Array  #: shape (14,).
+    free: Flags  #: which parameters are estimated and not on a bound, shape (14,).
+    information: Array  #: of theta, with other unknowns eliminated, shape (14, 14).
+    slopes: Array  #: of each block of time at theta, shape (B, 14).
+    informations: Array  #: of each block of time, shape (B, 14, 14).
+    unexplained: Array  #: the fraction of the innovations' variance that quantization does not explain, shape (2,).
+    steps: tuple[str, ...]  #: of the optimisation, in words.
 
     @classmethod
     def after(cls, fits: Fits, found: Sequence[DetectedEffect], steps: Sequence[str]) -> Composite:

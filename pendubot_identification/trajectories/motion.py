@@ -97,10 +97,6 @@ class Motion:
         """Return q1, q2, q1', q2' at the times t [s], shape (4, ...)."""
         return np.moveaxis(self.smoothed(t), -1, 0)
 
-    def rates(self, t: Array) -> Array:
-        """Return q1', q2', q1'', q2'' at the times t [s], shape (4, ...)."""
-        return np.moveaxis(self.smoothed(t, 1), -1, 0)
-
     def torques(self, start: Array, step: float, steps: int) -> Array:
         """Return the mean torques [N m] over K consecutive steps from each of L start times [s], shape (2, K, L)."""
         edges = start + step * np.arange(steps + 1)[:, None]

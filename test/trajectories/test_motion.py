@@ -38,7 +38,7 @@ def test_smoothed_states_and_rates_are_near_the_truth(rig, rate):
     prepared = Motion.prepare(motion, smoothing=0.012)
     assert (prepared.start, prepared.end, prepared.interval) == pytest.approx((0, t[-1], 1 / rate))
     inside = slice(rate // 50, -rate // 50)
-    states, rates = prepared.states(t), prepared.rates(t)
+    states, rates = prepared.states(t), prepared.smoothed(t, 1).T
     np.testing.assert_allclose(states[:2, inside], motion.q[inside].T, atol=1e-4)
     for velocities in (states[2:], rates[:2]):
         np.testing.assert_allclose(velocities[:, inside], motion.qd[inside].T, atol=0.02)
