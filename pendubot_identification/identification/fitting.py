@@ -243,8 +243,7 @@ def with_fitted_noise(
 
 def theta_box(settings: Settings, model: str) -> Bounds:
     """Return bounds of all of theta; parameters that are not in the model are fixed at 0."""
-    box, inside = settings.box('geared'), np.arange(GEARED) < MODELS[model]
-    return Bounds(np.where(inside, box.lower, 0.0), np.where(inside, box.upper, 0.0), box.names)
+    return settings.box('geared').without(NAMES[MODELS[model] :])
 
 
 def _likelihood(data: TrainingData, settings: LikelihoodSettings, theta: Array) -> Likelihood:
