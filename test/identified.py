@@ -4,6 +4,7 @@
 """Results of a few seconds of the sample bag."""
 
 import functools
+from dataclasses import asdict
 
 import yaml
 
@@ -45,3 +46,9 @@ def result(data):
 def write(path, data):
     """Write plain data as a result file."""
     path.write_text(yaml.safe_dump(data, sort_keys=False))
+
+
+def written(path, parameters):
+    """Write parameters to a result file as by hand; return its path."""
+    write(path, {'schema': 1, 'parameters': {name: {'value': value} for name, value in asdict(parameters).items()}})
+    return path

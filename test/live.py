@@ -4,7 +4,6 @@
 """A rig for a balancer: boards that start near upright, and a node in place of the identifier."""
 
 import math
-import time
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -50,12 +49,7 @@ class LiveRig(Rig):
 
     def begin(self, timeout=60.0):
         """Start balancing as soon as balancer and board are ready."""
-        answers = []
-        deadline = time.monotonic() + timeout
-        while not (answers and answers[-1].success):
-            assert time.monotonic() < deadline, [a.message for a in answers]
-            spin_until(self.node, lambda: False, 0.2)
-            answers.append(self.call('/balancer/start'))
+        self.until(lambda: spin_until(self.node, lambda: False, 0.2) or self.call('/balancer/start').success, timeout)
 
     def motion(self):
         """Return the board's trace so far: t [s], q [rad], torque [N m], status."""

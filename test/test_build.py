@@ -97,8 +97,6 @@ def test_bags_and_optimisers_work_with_the_numpy_of_jazzy(tmp_path):
     (tmp_path / 'quick.yaml').write_text('{criterion: energy, runs: 2, generations: 300, model: viscous, hold: zero}')
     identify = ['identify', '--verbose', 'bags/paper_experiment@0:9', '--settings', str(tmp_path / 'quick.yaml')]
     output = run(
-        [sys.executable, '-m', 'pendubot_identification.cli.main', *identify],
-        ROOT,
-        {**env, 'PENDUBOT_KERNEL': 'off'},
+        [sys.executable, '-m', 'pendubot_identification.cli.main', *identify], ROOT, {**env, 'PENDUBOT_KERNEL': 'off'}
     )
     assert 'energy: MDE: ' in output

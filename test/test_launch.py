@@ -22,7 +22,7 @@ from pendubot_identification.formats.export import export
 from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.results.result import read_result
 from test.conftest import ROOT, SAMPLE
-from test.nodes.conftest import written
+from test.identified import written
 
 PACKAGE = 'pendubot_identification'
 PROGRAMS = 'bridge', 'recorder', 'exciter', 'player', 'identifier', 'virtual_board'

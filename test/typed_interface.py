@@ -6,16 +6,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pendubot_identification import (
-    Identified,
-    Level,
-    Pendubot,
-    Trajectory,
-    accelerations,
-    identify,
-    read,
-    simulate,
-)
+from pendubot_identification import Identified, Level, Pendubot, Trajectory, accelerations, identify, read, simulate
 from pendubot_identification.arrays import Array
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -83,10 +82,7 @@ def test_a_signal_ends_every_program_of_the_demo_and_keeps_the_bag(tmp_path, num
     bag = folder / 'paper_experiment'
     with Program('pendubot', 'demo', '--output', folder) as demo:
         demo.wait_for('exciting and recording')
-        deadline = time.monotonic() + 20.0
-        while not list(bag.glob('*.mcap')):
-            assert time.monotonic() < deadline, demo.output
-            time.sleep(0.02)
+        until(lambda: list(bag.glob('*.mcap')), 20.0, demo)
         demo.process.send_signal(number)
         assert demo.process.wait(20) == status
         if number == signal.SIGTERM:  # its programs end after it

@@ -65,19 +65,12 @@ def test_reference_parameters_written_by_hand_are_shown_beside_the_result(inputs
     """An unphysical value is reported and shown; the bag is not found, so nothing is drawn."""
     shutil.copy(inputs / 'result.yaml', tmp_path)
     by_hand = ', '.join(f'{name}: {{value: 4e-4}}' for name in ('P2', 'P3', 'P4', 'P5', 'b1', 'b2'))
-    (tmp_path / 'hand.yaml').write_text(f'schema: 1\nparameters: {{{by_hand}, P1: {{value: -0.0022}}}}\n')
-    arguments = (
-        'report',
-        tmp_path / 'result.yaml',
-        '--reference',
-        tmp_path / 'hand.yaml',
-        '--output',
-        tmp_path / 'out',
-    )
-    status, _, err = run(*arguments)
+    hand, out = tmp_path / 'hand.yaml', tmp_path / 'out'
+    hand.write_text(f'schema: 1\nparameters: {{{by_hand}, P1: {{value: -0.0022}}}}\n')
+    status, _, err = run('report', tmp_path / 'result.yaml', '--reference', hand, '--output', out)
     assert status == 0
-    assert f'{tmp_path / "hand.yaml"}: not physical: P1 = -0.0022 is not positive' in err
-    rows = Page((tmp_path / 'out' / 'report.html').read_text()).rows
+    assert f'{hand}: not physical: P1 = -0.0022 is not positive' in err
+    rows = Page((out / 'report.html').read_text()).rows
     assert any(row.startswith('P1 ') and '−0.0022' in row for row in rows)
 
 

@@ -5,14 +5,15 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
 from pendubot_identification.formats.export import FORMATS, ROBOTS
-from pendubot_identification.model.parameters import BALANCE, NAMES
+from pendubot_identification.model.parameters import BALANCE
 from pendubot_identification.recordings.bag_reader import BagReader
 from test.conftest import SAMPLE
-from test.identified import plain, write
+from test.identified import plain, write, written
 
 
 @pytest.fixture(autouse=True)
@@ -29,9 +30,7 @@ def by_hand(folder):
     """Writes the balancing rig's parameters with some changes to a file; returns its path."""
 
     def by_hand(**others):
-        values = {name: getattr(BALANCE, name) for name in NAMES} | others
-        write(folder / 'hand.yaml', {'schema': 1, 'parameters': {n: {'value': v} for n, v in values.items()}})
-        return folder / 'hand.yaml'
+        return written(folder / 'hand.yaml', replace(BALANCE, **others))
 
     return by_hand
 

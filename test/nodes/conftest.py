@@ -3,26 +3,15 @@
 
 """Nodes for tests, and a simulated bag."""
 
-from dataclasses import asdict
-
 import pytest
-import yaml
 
 from pendubot_identification.cli.main import main
-from pendubot_identification.results.result import SCHEMA
 from test.rig import ENDLESS, Rig
 
 #: Options of a fast identification.
 FAST = {'criterion': 'weak', 'model': 'viscous', 'optimizer': 'lsq', 'hold': 'zero'}
 #: Endless pulses without a pause.
 PULSES = {'duration': 0.0, 'width': 1.0, 'amplitude_min': 0.1, 'amplitude_max': 0.2}
-
-
-def written(path, parameters):
-    """Write parameters to a result file and return its path."""
-    values = {name: {'value': value} for name, value in asdict(parameters).items()}
-    path.write_text(yaml.safe_dump({'schema': SCHEMA, 'parameters': values}))
-    return path
 
 
 @pytest.fixture

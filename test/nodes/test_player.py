@@ -15,13 +15,9 @@ from std_msgs.msg import Float64, String
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import simulate
 from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter
-from pendubot_identification.recordings.joint_states import (
-    JOINT_STATE,
-    encode_joint_state,
-    write_trajectory,
-)
+from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
 from test.conftest import SAMPLE
-from test.nodes.conftest import written
+from test.identified import written
 from test.processes import Program, parameters, spin_until
 from test.recordings.bags import START
 from test.recordings.independent import by_mcap

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64
 
 from pendubot_identification.model.parameters import PAPER
 from test.conftest import ROOT, SAMPLE
-from test.nodes.conftest import written
+from test.identified import written
 from test.processes import Program, parameters, spin_until
 
 pytestmark = pytest.mark.ros

@@ -10,8 +10,8 @@ import pytest
 
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.nodes.virtual_board import make_board, parser
+from test.identified import written
 from test.link.test_virtual_board import Bench
-from test.nodes.conftest import written
 from test.nodes.observer import Observer
 from test.processes import Program, run_program
 

@@ -4,7 +4,6 @@
 """The studio in a real browser: from a dropped file to a result, stopping, a telephone."""
 
 import shlex
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from pendubot_identification.model.simulation import HANGING
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.browser import NEEDS_BROWSER, accessible, launched, watched
 from test.conftest import ROOT
+from test.identified import written
 from test.recordings.bags import csv
 from test.studio.client import Studio
 
@@ -31,10 +31,6 @@ DROP = """({name, text}) => {
   dataTransfer.items.add(new File([text], name));
   document.querySelector('.drop').dispatchEvent(new DragEvent('drop', {dataTransfer, bubbles: true, cancelable: true}));
 }"""
-#: A result file as the start of a fit.
-BEFORE = yaml.safe_dump(
-    {'schema': 1, 'parameters': {name: {'value': x} for name, x in asdict(PAPER).items() if x}}
-).encode()
 #: A task may wait for others on a busy machine [ms].
 LONG = 600_000
 TELEPHONE = {'width': 360, 'height': 740}
@@ -144,11 +140,11 @@ def slow():
         yield program
 
 
-def test_stopping_a_fit_ends_its_process(slow, opened):
+def test_stopping_a_fit_ends_its_process(slow, opened, tmp_path):
     page = opened(slow)
     sample(page)
     page.get_by_text('Hold, delay, length of link 1, bounds, seed').click()
-    page.locator('#start').set_input_files({'name': 'before.yaml', 'mimeType': 'text/yaml', 'buffer': BEFORE})
+    page.locator('#start').set_input_files(written(tmp_path / 'before.yaml', PAPER))
     expect(page.get_by_role('button', name='before.yaml')).to_be_visible()
     click(page, 'Continue')
     (worker,) = slow.workers()

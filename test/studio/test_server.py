@@ -9,7 +9,6 @@ import re
 import shlex
 import signal
 import stat
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from pendubot_identification.model.simulation import HANGING, simulate
 from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import SAMPLE
+from test.identified import written
 from test.recordings.bags import csv
 from test.studio.client import Studio
 
@@ -126,15 +126,14 @@ def test_a_window_of_a_long_recording_is_identified_and_the_shown_command_gives_
     assert page.output('pendubot.urdf') == Path('rig.urdf').read_text()
 
 
-def test_two_pages_work_concurrently_and_independently(studio, motion):
+def test_two_pages_work_concurrently_and_independently(studio, motion, tmp_path):
     """The fit of one starts from a result."""
     t = np.arange(0, 18, 0.005)
     tau = np.column_stack([0.6 * np.sign(np.sin(9 * t)) * (np.sin(2.3 * t) > 0), np.zeros_like(t)])
     motions, pages = (motion, simulate(BALANCE, t, tau, HANGING)), (studio.open(), studio.open())
     for page, each, name in zip(pages, motions, ('phi', 'q1'), strict=True):
         assert page.give('run.csv', csv(each, names=('t', name, 'q2', 'tau1')))[0] == 200
-    before = {name: {'value': value} for name, value in asdict(PAPER).items() if value}
-    pages[0].give('before.yaml', json.dumps({'schema': 1, 'parameters': before}))
+    pages[0].give('before.yaml', written(tmp_path / 'before.yaml', PAPER).read_bytes())
     starting = QUICK | {'criterion': 'likelihood', 'start': 'before.yaml', 'columns': 'q1=phi'}
     answers = [page.post('identify', 'run.csv', **how) for page, how in zip(pages, (starting, QUICK), strict=True)]
     first = [json.loads(answer.readline()) for answer in answers]
