@@ -26,7 +26,6 @@ BRIGHTNESS = """([selector, property]) => {
 
 @contextmanager
 def launched():
-    """Yield a browser."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
         yield browser

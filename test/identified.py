@@ -29,7 +29,6 @@ def identified(criteria=CRITERIA, model='viscous', optimizer='lsq', hold='zero',
 
 
 def made(*args, **settings):
-    """Return the identification as a result."""
     return assemble_result(identified(*args, **settings), [SOURCE])
 
 
@@ -39,12 +38,10 @@ def plain(*args, **settings):
 
 
 def result(data):
-    """Return the result of plain data."""
     return structured(Result, data, 'test')
 
 
 def write(path, data):
-    """Write plain data as a result file."""
     path.write_text(yaml.safe_dump(data, sort_keys=False))
 
 

@@ -44,7 +44,6 @@ class LiveRig(Rig):
         self.identified.publish(parameters_message(theta))
 
     def said(self):
-        """Return the balancer's diagnoses."""
         return [status for status in self.statuses if status.name == 'balancer']
 
     def begin(self, timeout=60.0):

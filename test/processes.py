@@ -27,7 +27,6 @@ MODULES |= {'listener': ('test.listener',)}
 
 
 def parameters(**values):
-    """Return the arguments that set a node's parameters."""
     return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
 
 
@@ -94,7 +93,6 @@ class Program:
                 return line.rstrip('\n')
 
     def stop(self, number=signal.SIGINT, timeout=30.0):
-        """Send a signal and return the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(timeout)

@@ -130,7 +130,6 @@ class Rig(Observer):
         self.until(lambda: self.samples and not self.samples[-1][6])
 
     def values(self):
-        """Return the values of the bridge's last diagnosis by name."""
         return values(self.diagnoses[-1])
 
     def fresh_values(self):

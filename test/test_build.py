@@ -22,7 +22,6 @@ PARTS = (
 
 
 def copied_to(folder):
-    """Copy the sources of the package."""
     folder.mkdir(parents=True, exist_ok=True)
     for part in PARTS:
         if (ROOT / part).is_dir():

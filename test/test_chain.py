@@ -29,7 +29,6 @@ class Demo(Program):
         super().__init__('pendubot', 'demo', '--output', folder)
 
     def wait_for_log(self, name, text):
-        """Wait for a text in the log of a program."""
         log = self.folder / f'{name}.log'
         until(lambda: log.exists() and text in log.read_text(), 180.0, self)
 

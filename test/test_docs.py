@@ -68,7 +68,6 @@ def test_documented_commands_of_every_subcommand_work_in_one_folder(tmp_path, mo
 
 
 def launch_arguments(file):
-    """Return the arguments of a launch file."""
     from pendubot_identification.launching import COMMON, launch_file
 
     return {*launch_file(file)['ARGUMENTS'], *COMMON}

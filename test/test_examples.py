@@ -18,8 +18,6 @@ from test.conftest import ROOT, SAMPLE
 
 @pytest.fixture
 def example(tmp_path):
-    """Runs an example; returns its output."""
-
     def example(name, *arguments):
         command = [sys.executable, ROOT / 'examples' / name, *arguments]
         env = {**os.environ, 'TMPDIR': str(tmp_path)}

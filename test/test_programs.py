@@ -26,7 +26,6 @@ sys.exit(getattr(programs, sys.argv.pop(1))())
 
 
 def run(missing, *words, stdout=subprocess.PIPE, **env):
-    """Run a program without some modules."""
     command = [sys.executable, '-c', CHILD, missing, *words]
     return subprocess.run(
         command, stdout=stdout, stderr=subprocess.PIPE, text=True, env={**os.environ, **env}, timeout=60

@@ -37,7 +37,6 @@ with own_ros() as (rclpy, domain):
 
 
 def own(*domains):
-    """Take one of some domains in a new process."""
     command = [sys.executable, '-c', OWN, *map(str, domains)]
     return subprocess.run(command, env={**os.environ, **ELSEWHERE}, capture_output=True, text=True, timeout=60)
 
@@ -67,7 +66,6 @@ def test_a_program_that_ends_early_is_named_with_its_error_message(tmp_path):
 
 
 def alive(group):
-    """Return whether a process of a group runs."""
     try:
         os.killpg(group, 0)
     except ProcessLookupError:

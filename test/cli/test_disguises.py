@@ -55,8 +55,6 @@ def expected(motion):
 
 @pytest.fixture
 def identified(run):
-    """Identifies a file; returns the result and its parameters."""
-
     def identified(file, *options):
         status, out, err = run('identify', file, *QUICK, *options)
         assert status in (0, 3), err

@@ -37,8 +37,6 @@ def by_hand(folder):
 
 @pytest.fixture
 def compared(run):
-    """Runs compare with --json and returns the output."""
-
     def compared(*arguments):
         status, out, err = run('compare', *arguments, '--json')
         assert (status, err) == (0, '')

@@ -23,7 +23,6 @@ def paper_pulses(torque):
 
 
 def simulated(parameters, train, experiment, *start):
-    """Return the simulated motion of a rig."""
     t = np.arange(round(experiment.duration / experiment.interval)) * experiment.interval
     return simulate(parameters, t, np.column_stack([train.torques(t), np.zeros(len(t))]), *start)
 

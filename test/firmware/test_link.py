@@ -49,7 +49,6 @@ class Bench:
         return events
 
     def step(self, **reading):
-        """Return the next STATE."""
         return self.events(**reading)[-1]
 
     def send(self, mode, torque=0, watchdog_ms=500, session=SESSION):
@@ -112,7 +111,6 @@ def test_lock_and_refused_wrap(probe):
 
 
 def each(name, values):
-    """Return readings of one quantity."""
     return [{name: value} for value in values]
 
 

@@ -20,7 +20,6 @@ TOLERANCE = 1e-6
 
 
 def rigs(model, count):
-    """Yield parameters of random bench-top rigs."""
     rng = np.random.default_rng(1)
     for _ in range(count):
         length, mass = rng.uniform(0.08, 0.5, 2), rng.uniform(0.05, 1.5, 2)

@@ -99,7 +99,6 @@ class Wire:
         return self
 
     def command(self, *torques):
-        """Command torques; return the events."""
         return [event for torque in torques for event in self.do(self.host.motor.effort, torque)]
 
     def effort(self, torque):
@@ -108,7 +107,6 @@ class Wire:
         return {'cmd_seq': self.sent()[-1].seq, 'torque': round(1e6 * torque), 'status': Status.ARMED}
 
     def refusal(self):
-        """Return the reason why the motor cannot be armed."""
         return only(self.arm(), ArmingEnded)[0].reason
 
 

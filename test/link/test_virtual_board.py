@@ -19,7 +19,6 @@ class Bench:
         self.hello, self.state = self.decoder.feed(board.sample())
 
     def step(self, samples=1):
-        """Return the last STATE."""
         for _ in range(samples):
             self.board.move()
             *hello, self.state = self.decoder.feed(self.board.sample())

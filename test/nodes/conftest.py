@@ -47,7 +47,6 @@ def shared_rig(running_rig):
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
-    """A simulated recording."""
     path = tmp_path_factory.mktemp('bags') / 'swing'
     assert main(['simulate', '--output', str(path)]) == 0
     return path

@@ -28,8 +28,6 @@ IMPOSSIBLE = {'inactive': 'configure', 'active': 'activate', 'unconfigured': 'de
 
 
 class Manager(Observer):
-    """Requests transitions."""
-
     def state(self, node):
         return self.call(GetState, f'/{node}/get_state').current_state.label
 

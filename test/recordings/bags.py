@@ -75,7 +75,6 @@ def foreign(path, messages, chunk_size=4000, **options):
 
 
 def csv(motion, separator=',', decimal='.', names=('t', 'q1', 'q2', 'tau1'), convert=lambda q: q):
-    """Return a motion as CSV text."""
     columns = zip(motion.t, *convert(motion.q).T, motion.tau[:, 0], strict=True)
     rows = [separator.join(f'{value:.12g}'.replace('.', decimal) for value in row) for row in columns]
     return '\n'.join([separator.join(names), *rows])

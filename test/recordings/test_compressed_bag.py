@@ -20,7 +20,6 @@ from .independent import by_mcap
 
 
 def write(path, mode, count=300):
-    """Write a bag in one of rosbag2's compression modes."""
     store = get_typestore(Stores.ROS2_JAZZY)
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)

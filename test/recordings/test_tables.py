@@ -25,7 +25,6 @@ MINIMAL = 't,q1,q2,tau1\n'
 
 
 def read(path, **options):
-    """Return the motion of a file, converted by these options."""
     return TableReader(path, Conversion.of(options)).motion
 
 
