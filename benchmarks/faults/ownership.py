@@ -190,19 +190,19 @@ def runaway(folder, long):
 
 def restart(folder, _):
     """The board restarts while the rig moves; the zeros have to be confirmed at rest."""
-    with Rig(folder, 1000, '--fault', 'reset_at=20', *ENDLESS) as rig:
+    with Rig(folder, 1000, *ENDLESS) as rig:
         rig.start_bridge(*PATIENT, 'confirm_zeros:=true')
-        early = True
-        while early:
-            board = rig.start_board()
+        for seconds in (8, 20, 60):
+            board = rig.start_board('--fault', f'reset_at={seconds}')
             rig.until_samples(1200)
             rig.diagnoses.clear()
             assert not rig.call('arm').success
             confirmed = rig.call('confirm_zeros')
             drive(rig, OWN)
             # On a busy machine the board may restart before the zeros are confirmed: tried again.
-            if early := rig.diagnosed(1, 'the board restarted: '):
-                board.stop()
+            if not rig.diagnosed(1, 'the board restarted: '):
+                break
+            board.stop()
         rig.drive_until(OWN, lambda: rig.diagnosed(1, 'the board restarted: '))
         begun = len(rig.trace())
         refused = rig.call('arm')
