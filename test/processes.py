@@ -30,24 +30,21 @@ def parameters(**values):
     return ['--ros-args', *(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))]
 
 
-def run_program(name, *args, timeout=120, env=None, file_limit=None):
-    """Run a program to its end; return the completed process with text output.
+def run_program(name, *args):
+    """Run a program to its end; return the completed process with text output."""
+    command = [sys.executable, '-m', *MODULES[name], *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
 
-    Files are limited to ``file_limit`` [bytes]; writing more fails like on a full disk.
-    """
 
-    def limit():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
-
-    return subprocess.run(
-        [sys.executable, '-m', *MODULES[name], *map(str, args)],
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        env=env,
-        stdin=subprocess.DEVNULL,
-        preexec_fn=None if file_limit is None else limit,
-    )
+@contextlib.contextmanager
+def small_disk(size):
+    """Limit files to a size [bytes]; writing more fails like on a full disk."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 class Program:

@@ -19,7 +19,7 @@ from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state
 from pendubot_identification.results.result import SCHEMA
 from test.cli.conftest import contents
-from test.processes import run_program
+from test.processes import small_disk
 from test.recordings import damage
 from test.recordings.independent import by_mcap
 
@@ -114,13 +114,14 @@ def test_a_truncated_bag_is_named_as_the_cause_of_a_failure(run, tmp_path, comma
 @pytest.mark.parametrize(
     ('command', 'name'), [('import {}/run.csv', 'earlier'), ('simulate', 'new'), ('repair {}/sim', 'earlier')]
 )
-def test_on_a_full_disk_no_bag_is_left_and_an_earlier_one_is_unchanged(inputs, tmp_path, command, name):
+def test_on_a_full_disk_no_bag_is_left_and_an_earlier_one_is_unchanged(run, inputs, tmp_path, command, name):
     rows = (f'{0.01 * k},{np.sin(k)},{np.cos(k)},{np.sin(k)}' for k in range(2000))
     (tmp_path / 'run.csv').write_text('\n'.join(['t,q1,q2,tau1', *rows]))
     before = contents(shutil.copytree(inputs / 'sim', tmp_path / 'earlier'))
     words = command.format(tmp_path if 'csv' in command else inputs).split()
-    ended = run_program('pendubot', *words, '--output', tmp_path / name, '--force', file_limit=100_000)
-    assert (ended.returncode, ended.stdout) == (1, '')
-    assert re.fullmatch(rf'pendubot: {tmp_path / name} is not written: .*\n', ended.stderr)
+    with small_disk(100_000):
+        status, out, err = run(*words, '--output', tmp_path / name, '--force')
+    assert (status, out) == (1, '')
+    assert re.fullmatch(rf'pendubot: {tmp_path / name} is not written: .*\n', err)
     assert contents(tmp_path / 'earlier') == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ['earlier', 'run.csv']

@@ -12,7 +12,7 @@ import yaml
 
 from pendubot_identification.model.parameters import NAMES, PAPER
 from test.cli.conftest import FAST
-from test.processes import run_program
+from test.processes import small_disk
 
 SEVEN = NAMES[:7]
 WEAK = ('--criterion', 'weak', '--model', 'viscous', '--optimizer', 'lsq', '--hold', 'zero')
@@ -152,10 +152,10 @@ def test_the_name_of_a_recording_may_be_no_text(run, in_inputs, tmp_path):
     assert '\\udcfc' in (tmp_path / 'result.yaml').read_text()
 
 
-def test_a_result_that_cannot_be_written_is_still_printed(inputs, tmp_path):
+def test_a_result_that_cannot_be_written_is_still_printed(run, inputs, tmp_path):
     output = tmp_path / 'result.yaml'
-    ended = run_program('pendubot', 'identify', inputs / 'swing', *FAST, '--output', output, '--json', file_limit=0)
-    assert ended.returncode == 1
-    assert ended.stderr == f'pendubot: {output} cannot be written (File too large); choose another folder\n'
-    assert list(json.loads(ended.stdout)['parameters']) == list(SEVEN)
+    with small_disk(0):
+        status, out, err = run('identify', inputs / 'swing', *FAST, '--output', output, '--json')
+    assert (status, err) == (1, f'pendubot: {output} cannot be written (File too large); choose another folder\n')
+    assert list(json.loads(out)['parameters']) == list(SEVEN)
     assert not list(tmp_path.iterdir())

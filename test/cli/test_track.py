@@ -13,7 +13,7 @@ import yaml
 from pendubot_identification.recordings.joint_states import write_trajectory
 from pendubot_identification.results.result import read_result
 from test.changing_rig import Day, truth
-from test.processes import run_program
+from test.processes import small_disk
 from test.recordings.bags import csv
 from test.virtual import recording_of_a_day
 
@@ -57,12 +57,13 @@ def test_a_bag_is_tracked_and_written_as_a_result_with_a_report(run, refused, ba
     assert 'so it cannot be written' in refused('track', bag, '--output', bag / 'metadata.yaml', '--force')
 
 
-def test_the_summary_is_printed_even_if_the_disk_is_full(bag, tmp_path):
-    ended = run_program('pendubot', 'track', f'{bag}@:12', '--output', tmp_path / 'now.yaml', file_limit=0)
-    assert ended.returncode == 1
-    assert 'no change' in ended.stdout
-    assert ended.stderr.endswith('cannot be written (File too large); choose another folder\n')
-    assert 'written to' not in ended.stdout
+def test_the_summary_is_printed_even_if_the_disk_is_full(run, bag, tmp_path):
+    with small_disk(0):
+        status, out, err = run('track', f'{bag}@:12', '--output', tmp_path / 'now.yaml')
+    assert status == 1
+    assert 'no change' in out
+    assert err.endswith('cannot be written (File too large); choose another folder\n')
+    assert 'written to' not in out
 
 
 def test_consecutive_recordings_are_tracked_as_one(run, motion, tmp_path):

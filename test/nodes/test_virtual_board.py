@@ -13,7 +13,7 @@ from pendubot_identification.nodes.virtual_board import make_board, parser
 from test.identified import written
 from test.link.test_virtual_board import Bench
 from test.nodes.observer import Observer
-from test.processes import Program, run_program
+from test.processes import Program, run_program, small_disk
 
 
 def bench(*options):
@@ -62,7 +62,8 @@ def test_the_node_has_the_payload_as_a_parameter(ros):
 
 def test_a_full_disk_is_reported_in_one_sentence_and_the_trace_is_kept(tmp_path):
     link, trace = tmp_path / 'board', tmp_path / 'trace.csv'
-    ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace, file_limit=8192)
+    with small_disk(8192):
+        ended = run_program('virtual_board', '--rate', 1000, '--link', link, '--trace', trace)
     assert ended.returncode == 1
     assert ended.stderr == f'virtual_board: {trace} cannot be written (File too large); choose another folder\n'
     assert not link.is_symlink()

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 
 import os
-import resource
 from collections import deque
 from itertools import count
 
@@ -21,6 +20,7 @@ from pendubot_identification.recordings.joint_states import JOINT_STATE, write_t
 from pendubot_identification.recordings.message_types import message_definition
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.cli.conftest import contents
+from test.processes import small_disk
 
 from .bags import START, STEP, TOPIC, log, message
 from .independent import by_mcap, by_rosbags
@@ -114,13 +114,9 @@ def test_a_full_disk_is_reported_in_one_sentence_and_leaves_complete_chunks(tmp_
     """A limit of the file size stands for the full disk; the test of the recorder fills a disk."""
     monkeypatch.setattr(bag_writer, '_shortage', lambda *_: '')
     bag, numbers = BagWriter(tmp_path / 'bag'), count()
-    channel, limits = bag.add_topic(TOPIC, JOINT_STATE), resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
-    try:
-        with pytest.raises(BagError, match=r'cannot be written \(File too large\); free some space'):
-            deque((bag.write(channel, *message(k)[::-1]) for k in numbers), maxlen=0)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    channel = bag.add_topic(TOPIC, JOINT_STATE)
+    with small_disk(100_000), pytest.raises(BagError, match=r'cannot be written \(File too large\); free some space'):
+        deque((bag.write(channel, *message(k)[::-1]) for k in numbers), maxlen=0)
     with pytest.raises(BagError, match='cannot be written'):
         bag.write(channel, message(0)[1], START)
     bag.close()
