@@ -18,16 +18,17 @@ demo: $(VENV)/.ros
 # Three processes, each of one thread: tests of live programs wait while others compute. A test that fails,
 # because a live program waited for seconds, is run once more by itself. The fault trials run alone.
 PYTEST := PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
+PARALLEL := $(PYTEST) --numprocesses 3 --dist worksteal
 AGAIN := --last-failed --last-failed-no-failures none
 TRIALS := test/test_fault_trials.py
 PACKAGE := pendubot_identification
 test: $(VENV)/.test
-	$(PYTEST) --numprocesses 3 --dist worksteal --ignore $(TRIALS) || $(PYTEST) $(AGAIN) --ignore $(TRIALS)
-	$(PYTEST) --numprocesses 2 --dist worksteal $(TRIALS) || $(PYTEST) $(AGAIN) $(TRIALS)
+	$(PARALLEL) --ignore $(TRIALS) || $(PYTEST) $(AGAIN) --ignore $(TRIALS)
+	$(PARALLEL) $(TRIALS) || $(PYTEST) $(AGAIN) $(TRIALS)
 
 # The lines that no test reaches; takes 1.5 times as long.
 coverage: $(VENV)/.test
-	$(PYTEST) --numprocesses 3 --dist worksteal --ignore $(TRIALS) --cov=$(PACKAGE) --cov-report=term-missing:skip-covered
+	$(PARALLEL) --ignore $(TRIALS) --cov=$(PACKAGE) --cov-report=term-missing:skip-covered
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
