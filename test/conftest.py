@@ -48,10 +48,12 @@ def pytest_collection_modifyitems(items):
     """Begin with the longest tests and fixtures; skip tests that need the real recordings if they are absent."""
     rooms = 'test', 'tracking'
     items.sort(key=lambda item: item.path.parent.name not in rooms)
-    if not (RECORDINGS / 'manifest.csv').exists():
-        for item in items:
-            if item.get_closest_marker('recordings'):
-                item.add_marker(pytest.mark.skip(reason=f'no real recordings in {RECORDINGS}'))
+    absent = not (RECORDINGS / 'manifest.csv').exists()
+    for item in items:
+        if item.path.parent.name == 'nodes':
+            item.add_marker('ros')
+        if absent and item.get_closest_marker('recordings'):
+            item.add_marker(pytest.mark.skip(reason=f'no real recordings in {RECORDINGS}'))
 
 
 @pytest.fixture(scope='session')

@@ -18,7 +18,6 @@ from test.nodes.observer import values
 from test.processes import parameters
 from test.rig import ARMED, PATIENT, WATCHDOG
 
-pytestmark = pytest.mark.ros
 EFFORT, PARAMS = '/pendubot/effort_command', '/pendubot/params'
 #: Largest age of a sample [s] on a busy machine.
 PATIENCE = 2.0

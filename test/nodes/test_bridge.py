@@ -13,8 +13,6 @@ from test.nodes.observer import Observer
 from test.processes import Program, parameters
 from test.rig import ARMED, ENDLESS, PATIENT, WATCHDOG
 
-pytestmark = pytest.mark.ros
-
 
 @pytest.mark.parametrize('each_board', ['c'], indirect=True)
 def test_samples_have_the_current_and_a_signal_disarms_the_bridge_for_good(rig, each_board):

@@ -12,7 +12,6 @@ from pendubot_identification.nodes.bridge import CommandAge
 from test.processes import Program, parameters
 from test.rig import ARMED, WATCHDOG
 
-pytestmark = pytest.mark.ros
 TOPIC, JOINT_TOPIC = '/pendubot/effort_command', '/pendubot/joint_commands'
 #: [micro-N m], as in the board's trace.
 OWN, OTHER = 100_000, 400_000

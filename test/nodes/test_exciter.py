@@ -17,7 +17,6 @@ from test.nodes.conftest import PULSES
 from test.processes import Program, parameters, spin_until
 from test.rig import ARMED
 
-pytestmark = pytest.mark.ros
 EFFORT, COMMANDS = '/pendubot/effort_command', '/pendubot/joint_commands'
 
 

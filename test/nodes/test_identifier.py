@@ -26,8 +26,6 @@ from test.nodes.conftest import FAST
 from test.nodes.observer import Observer, values
 from test.processes import Program, parameters
 
-pytestmark = pytest.mark.ros
-
 #: Fast options, and the defaults of the options that tests change.
 USUAL = FAST | {'validate': [''], 'output': '', 'force': False, 'negate': ''}
 ERROR = b'\x02'

@@ -20,7 +20,6 @@ from test.nodes.observer import Observer
 from test.processes import Program, parameters
 from test.rig import ARMED, PATIENT, WATCHDOG
 
-pytestmark = pytest.mark.ros
 MANAGED = 'bridge', 'recorder', 'identifier', 'tracker'
 ROUND = 'configure', 'activate', 'deactivate', 'cleanup'
 STATES = dict(zip(ROUND, ('inactive', 'active', 'inactive', 'unconfigured'), strict=True))

@@ -14,7 +14,6 @@ from test.nodes.conftest import FAST
 from test.nodes.observer import Observer
 from test.processes import Program, parameters
 
-pytestmark = pytest.mark.ros
 PULSES = {'arm': 'true', 'width': 0.5, 'amplitude_min': 0.05, 'amplitude_max': 0.1}
 LAB1, LAB2 = ('-r', '__ns:=/lab1'), ('-r', '__ns:=/lab2')
 

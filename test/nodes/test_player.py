@@ -22,8 +22,6 @@ from test.processes import Program, parameters, spin_until
 from test.recordings.bags import START
 from test.recordings.independent import by_mcap
 
-pytestmark = pytest.mark.ros
-
 MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
 TEXT = bytes([0, 1, 0, 0, 4, 0, 0, 0]) + b'abc\0'  #: A std_msgs/String.

@@ -12,7 +12,6 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter as ParameterMessage
@@ -22,8 +21,6 @@ from rosgraph_msgs.msg import Clock
 
 from test.conftest import ROOT, SAMPLE
 from test.processes import Program, parameters, spin_until
-
-pytestmark = pytest.mark.ros
 
 #: Invalid settings: program, parameters, and a part of the expected message.
 REFUSED = [

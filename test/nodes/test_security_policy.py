@@ -19,7 +19,6 @@ from test.conftest import ROOT, SAMPLE
 from test.identified import written
 from test.processes import Program, parameters, spin_until
 
-pytestmark = pytest.mark.ros
 EFFORT = '/pendubot/effort_command'
 LOOK = {
     'publish': 'get_publisher_names_and_types_by_node',

@@ -13,7 +13,6 @@ from test.nodes.observer import Observer, values
 from test.processes import Program
 from test.virtual import recording_of_a_day
 
-pytestmark = pytest.mark.ros
 DAY = Day(payload=0.2, payload_at=15.0)
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 NEEDED = '8 s of motion without a gap are needed; waiting'

@@ -52,7 +52,6 @@ def test_a_board_that_does_not_start_leaves_no_trace_that_prevents_the_next_star
     assert not trace.exists()
 
 
-@pytest.mark.ros
 def test_the_node_has_the_payload_as_a_parameter(ros):
     with Program('virtual_board', '--ros-args', '-r', '__node:=board') as board, Observer(ros) as observer:
         assert observer.set('/board', payload=0.03).successful
