@@ -21,11 +21,15 @@ SOURCE = Source('swing@0:4', 'training', 400, 3.99, '0' * 64, True)
 
 
 @functools.cache
+def swing():
+    return read_trajectory(SAMPLE).trajectory
+
+
+@functools.cache
 def identified(criteria=CRITERIA, model='viscous', optimizer='lsq', hold='zero', validate=True):
     """Return the identification of the first 4 s, validated on the next 4 s or by blocks of time."""
-    motion = read_trajectory(SAMPLE).trajectory
-    validation = [motion[400:800]] if validate else []
-    return identify([motion[:400]], validation, Settings(criteria, model, optimizer, hold=hold))
+    validation = [swing()[400:800]] if validate else []
+    return identify([swing()[:400]], validation, Settings(criteria, model, optimizer, hold=hold))
 
 
 def made(*args, **settings):

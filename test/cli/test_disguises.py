@@ -14,8 +14,7 @@ import pytest
 from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.simulation import HANGING
-from pendubot_identification.recordings.bag_reader import read_trajectory
-from test.conftest import SAMPLE
+from test.identified import swing
 from test.recordings.bags import csv
 from test.simulated_rig import Rig, record
 from test.virtual import trajectory
@@ -43,7 +42,7 @@ VARIANTS = {
 
 @pytest.fixture(scope='module')
 def motion():
-    return read_trajectory(SAMPLE).trajectory[:900]
+    return swing()[:900]
 
 
 @pytest.fixture(scope='module')

@@ -19,8 +19,7 @@ from pendubot_identification.report.tables import Table
 from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.tracking.events import Change, Disturbance, State
 from test.browser import BRIGHTNESS, NEEDS_BROWSER, accessible, launched, watched
-from test.identified import made
-from test.report.test_plots import swing
+from test.identified import made, swing
 
 pytestmark = NEEDS_BROWSER
 

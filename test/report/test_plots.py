@@ -20,12 +20,11 @@ from pendubot_identification.identification.pipeline import identify
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.rollout import roll
-from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.report import plots
 from pendubot_identification.report.time_plot import Line, TimePlot, panel, thinned
 from pendubot_identification.results.computation import assemble_result
 from pendubot_identification.trajectories.trajectory import Trajectory
-from test.identified import SAMPLE, SOURCE, made, plain
+from test.identified import SOURCE, made, plain, swing
 from test.identified import result as typed
 from test.virtual import recording
 
@@ -39,11 +38,6 @@ def motion(samples=300, interval=0.01, name='swing', start=0.0):
 def pictures(result, training, validation=()):
     groups = plots.Prepared.of(result, training, validation).pictures()
     return {picture.name: picture for _, draw in groups for picture in draw()}
-
-
-@functools.cache
-def swing():
-    return read_trajectory(SAMPLE).trajectory
 
 
 @functools.cache

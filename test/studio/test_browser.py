@@ -12,10 +12,9 @@ import yaml
 
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import HANGING
-from pendubot_identification.recordings.bag_reader import read_trajectory
 from test.browser import NEEDS_BROWSER, accessible, launched, watched
-from test.conftest import ROOT
-from test.identified import written
+from test.conftest import SAMPLE
+from test.identified import swing, written
 from test.recordings.bags import csv
 from test.studio.client import Studio
 
@@ -80,9 +79,8 @@ def look(page, heading):
 
 
 def test_a_german_csv_in_degrees_from_hanging_is_identified_by_mouse_alone(opened):
-    motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
     names = 'Messzeit', 'Phi A', 'q2', 'tau1'
-    text = csv(motion, ';', ',', names, lambda q: np.degrees(q - HANGING))
+    text = csv(swing(), ';', ',', names, lambda q: np.degrees(q - HANGING))
     page = opened()
     page.get_by_text('Drop recordings here').wait_for()
     page.evaluate(DROP, {'name': 'Messung.csv', 'text': text})
@@ -181,10 +179,9 @@ def test_every_step_fits_a_telephone_and_is_accessible(opened):
 
 
 def test_units_in_a_header_are_used_and_shown(opened):
-    motion = read_trajectory(ROOT / 'bags' / 'paper_experiment').trajectory
     page = opened()
     page.get_by_text('Drop recordings here').wait_for()
-    text = csv(motion, names=('t', 'q1 [deg]', 'q2 [deg]', 'tau1'), convert=np.degrees)
+    text = csv(swing(), names=('t', 'q1 [deg]', 'q2 [deg]', 'tau1'), convert=np.degrees)
     page.evaluate(DROP, {'name': 'run.csv', 'text': text})
     click(page, 'Continue')
     expect(page.get_by_text('Taken from the file itself:')).to_contain_text('--degrees')
@@ -194,7 +191,7 @@ def test_units_in_a_header_are_used_and_shown(opened):
 def test_the_folder_of_a_bag_can_be_dropped(opened):
     page = opened()
     box = page.locator('.drop').bounding_box()
-    data = {'items': [], 'files': [str(ROOT / 'bags' / 'paper_experiment')], 'dragOperationsMask': 1}
+    data = {'items': [], 'files': [str(SAMPLE)], 'dragOperationsMask': 1}
     mouse = {'x': box['x'] + 9, 'y': box['y'] + 9, 'data': data}
     devtools = page.context.new_cdp_session(page)
     for step in ('dragEnter', 'dragOver', 'drop'):

@@ -18,19 +18,13 @@ import yaml
 from pendubot_identification.cli.main import main
 from pendubot_identification.model.parameters import BALANCE, PAPER
 from pendubot_identification.model.simulation import HANGING, simulate
-from pendubot_identification.recordings.bag_reader import read_trajectory
 from pendubot_identification.trajectories.trajectory import Trajectory
 from test.conftest import SAMPLE
-from test.identified import written
+from test.identified import swing, written
 from test.recordings.bags import csv
 from test.studio.client import Studio
 
 QUICK = {'criterion': 'weak', 'model': 'viscous'}
-
-
-@pytest.fixture(scope='module')
-def motion():
-    return read_trajectory(SAMPLE).trajectory
 
 
 @pytest.fixture(scope='module')
@@ -71,14 +65,14 @@ def test_a_file_name_outside_the_folder_is_refused(page, name):
     assert status == 404 or 'rename' in message or 'token' in message
 
 
-def test_files_are_private_and_deleted_with_their_page_and_with_the_program(motion, tmp_path):
+def test_files_are_private_and_deleted_with_their_page_and_with_the_program(tmp_path):
     """A recording may also be given on the command line."""
     with Studio(SAMPLE, env={'TMPDIR': str(tmp_path)}) as program:
         pages = program.open(), program.open()
         assert pages[0].about['given'] == ['paper_experiment']
         assert pages[0].do('describe', 'paper_experiment')['done']['joints'] == ['shoulder', 'elbow']
         for each in pages:
-            assert each.give('run.csv', csv(motion))[0] == 200
+            assert each.give('run.csv', csv(swing()))[0] == 200
         (root,) = tmp_path.iterdir()
         assert stat.S_IMODE(root.stat().st_mode) == 0o700
         assert len([*root.rglob('run.csv')]) == 2
@@ -94,11 +88,13 @@ def test_files_are_private_and_deleted_with_their_page_and_with_the_program(moti
 
 
 def test_a_window_of_a_long_recording_is_identified_and_the_shown_command_gives_the_same_result(
-    page, motion, tmp_path, monkeypatch
+    page, tmp_path, monkeypatch
 ):
     """Exported files are equal, too; the page of the result is sandboxed."""
     t = np.arange(0, 700, 0.01)
-    q, tau = (np.column_stack([np.interp(t % 18, motion.t, x) for x in values.T]) for values in (motion.q, motion.tau))
+    q, tau = (
+        np.column_stack([np.interp(t % 18, swing().t, x) for x in values.T]) for values in (swing().q, swing().tau)
+    )
     names = '"Zeit, [ms]"', 'a', 'q2', 'tau1'
     text = csv(Trajectory(1000 * t, q, tau), names=names, convert=lambda q: q * (1, -1))
     assert len(text) > 2 << 20, 'the server keeps a smaller request in memory'
@@ -126,11 +122,11 @@ def test_a_window_of_a_long_recording_is_identified_and_the_shown_command_gives_
     assert page.output('pendubot.urdf') == Path('rig.urdf').read_text()
 
 
-def test_two_pages_work_concurrently_and_independently(studio, motion, tmp_path):
+def test_two_pages_work_concurrently_and_independently(studio, tmp_path):
     """The fit of one starts from a result."""
     t = np.arange(0, 18, 0.005)
     tau = np.column_stack([0.6 * np.sign(np.sin(9 * t)) * (np.sin(2.3 * t) > 0), np.zeros_like(t)])
-    motions, pages = (motion, simulate(BALANCE, t, tau, HANGING)), (studio.open(), studio.open())
+    motions, pages = (swing(), simulate(BALANCE, t, tau, HANGING)), (studio.open(), studio.open())
     for page, each, name in zip(pages, motions, ('phi', 'q1'), strict=True):
         assert page.give('run.csv', csv(each, names=('t', name, 'q2', 'tau1')))[0] == 200
     pages[0].give('before.yaml', written(tmp_path / 'before.yaml', PAPER).read_bytes())
@@ -147,9 +143,9 @@ def test_two_pages_work_concurrently_and_independently(studio, motion, tmp_path)
         assert found['parameters']['P4']['value'] == pytest.approx(true.P4, rel=0.02)
 
 
-def test_the_shell_gives_the_same_checks(page, motion, tmp_path, monkeypatch, capsys):
+def test_the_shell_gives_the_same_checks(page, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    text = csv(motion[:500], names=('t', 'phi', 'q2', 'tau1'))
+    text = csv(swing()[:500], names=('t', 'phi', 'q2', 'tau1'))
     page.give('run.csv', text)
     (tmp_path / 'run.csv').write_text(text)
     options = {'columns': 'q1=phi', 'negate': 'tau1'}
