@@ -36,6 +36,10 @@ class Observer:
     def until(self, condition, timeout=20.0):
         assert spin_until(self.node, condition, timeout), (self.quality[-1:], self.params[-1:], self.statuses[-3:])
 
+    def wait(self, future):
+        self.until(future.done, 60.0)
+        return future.result()
+
     def status(self, name):
         """Return the last status of a program on /diagnostics, or None."""
         return next((each for each in reversed(self.statuses) if each.name == name), None)

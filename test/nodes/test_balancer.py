@@ -136,11 +136,10 @@ def test_a_start_without_an_answer_of_the_bridge_is_refused_and_a_late_answer_mo
     client = rig.node.create_client(rig.trigger, '/balancer/start')
     assert client.wait_for_service(30.0)
     bridge.halt()
-    answer = client.call_async(rig.trigger.Request())
-    rig.until(answer.done)
-    assert not answer.result().success
-    assert answer.result().message == 'the bridge did not answer within 3 s whether it is armed; start again'
-    rig.until(lambda: rig.said() and rig.said()[-1].message == f'stopped: {answer.result().message}')
+    answer = rig.wait(client.call_async(rig.trigger.Request()))
+    assert not answer.success
+    assert answer.message == 'the bridge did not answer within 3 s whether it is armed; start again'
+    rig.until(lambda: rig.said() and rig.said()[-1].message == f'stopped: {answer.message}')
     bridge.process.send_signal(signal.SIGCONT)
     # The request to arm was received first, and then the request to disarm.
     rig.until(lambda: stays_disarmed(rig))

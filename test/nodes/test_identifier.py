@@ -51,17 +51,13 @@ class Client(Observer):
         self.until(lambda: self.program.output.count('preparing') > before)
         return future
 
-    def answer(self, future):
-        self.until(future.done, 60.0)
-        return future.result()
-
     def identified(self, *bags, **given):
         """Identify these bags; return the status, its values, and the published parameters."""
         answer = self.set('/identifier', **USUAL | {'bags': [str(bag) for bag in bags]} | given)
         assert answer.successful, answer.reason
         self.params.clear()
         self.quality.clear()
-        answer = self.answer(self.identify())
+        answer = self.wait(self.identify())
         self.until(lambda: self.quality)
         (status,) = self.quality
         assert (answer.success, answer.message) == (status.level != ERROR, status.message)
@@ -155,7 +151,7 @@ def test_a_result_that_cannot_be_written_is_published(bag, tmp_path, client):
     client.quality.clear()
     ending = client.begin()
     folder.rmdir()
-    answer = client.answer(ending)
+    answer = client.wait(ending)
     sentence = f'{folder}/result.yaml cannot be written (No such file or directory); choose another folder'
     assert (answer.success, answer.message) == (False, sentence)
     client.until(lambda: (client.status(PROGRESS).level, client.status(PROGRESS).message) == (ERROR, sentence))
@@ -181,20 +177,16 @@ class Goals:
         self.client = ActionClient(observer.node, self.action, 'identifier/identify')
         observer.until(self.client.server_is_ready, 60.0)
 
-    def wait(self, future):
-        self.observer.until(future.done, 60.0)
-        return future.result()
-
     def send(self, bag):
         """Send a goal with this bag; return its handle after acceptance."""
         self.feedback.clear()
         goal = self.action.Goal(bags=[str(bag)])
-        handle = self.wait(self.client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback)))
+        handle = self.observer.wait(self.client.send_goal_async(goal, lambda m: self.feedback.append(m.feedback)))
         assert handle.accepted
         return handle
 
     def result(self, bag):
-        answer = self.wait(self.send(bag).get_result_async())
+        answer = self.observer.wait(self.send(bag).get_result_async())
         return answer.status, answer.result
 
 
@@ -252,8 +244,8 @@ def test_a_computation_reports_progress_and_ends_if_it_is_canceled_or_a_process_
         assert 'under way' in refusal()
         assert sum('energy: MDE, ' in line for line in program.lines) == 1, 'the log must have one line per stage'
         answer = handle.get_result_async()
-        assert goals.wait(handle.cancel_goal_async()).goals_canceling
-        answer = goals.wait(answer)
+        assert observer.wait(handle.cancel_goal_async()).goals_canceling
+        answer = observer.wait(answer)
         assert answer.status == GoalStatus.STATUS_CANCELED
         assert answer.result.message == 'the identification was canceled'
         assert not Path(f'/proc/{child}').exists(), 'the computing process must have ended'
@@ -261,7 +253,7 @@ def test_a_computation_reports_progress_and_ends_if_it_is_canceled_or_a_process_
 
         handle, child = computing()
         os.kill(child, 9)
-        answer = goals.wait(handle.get_result_async())
+        answer = observer.wait(handle.get_result_async())
         assert answer.status == GoalStatus.STATUS_ABORTED
         assert answer.result.message.startswith('the process of the identification ended with status -9')
 
