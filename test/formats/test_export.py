@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import sympy
 import yaml
 
 from pendubot_identification.formats.export import FORMATS, export
@@ -189,6 +188,8 @@ def test_exported_equations_agree_with_the_dynamics_in_every_language(name, eval
 
 def test_the_python_module_accepts_symbols():
     """The argument ``lib`` may be sympy, casadi or jax.numpy."""
+    import sympy
+
     given = PartialResult(parameters={n: Parameter(value=0.5 - 0.05 * k) for k, n in enumerate(NAMES[:9])})
     exec(compile(written('py', given), 'pendubot.py', 'exec'), module := {})
     symbols = sympy.symbols('q1 q2 v1 v2 tau1 tau2')
