@@ -18,7 +18,7 @@ from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import Plant
 
 #: Reports with one of these words have a cause that no line has.
-ACCUSATIONS = ('another program', 'did not send', 'instead of', 'confirm', 'clock', 'restarted', 'correct its firmware')
+ACCUSATIONS = ('another program', 'did not send', 'instead of', 'wiring', 'clock', 'restarted', 'correct its firmware')
 
 
 @dataclass
