@@ -109,8 +109,12 @@ class Player(SettingsNode):
             name: self.create_publisher(message_class(name, kind), self._published(name), self._qos(name))
             for name, kind in kinds.items()
         }
-        self._ghost = Ghost(self, Path(s['ghost']), s['joint_names']) if s['ghost'] else None
         self._joint_states = self.resolve_topic_name('joint_states')
+        played = [publisher.topic_name for publisher in self._publishers_of.values()]
+        if s['ghost'] and self._joint_states not in played:
+            topics = f'{self._joint_states}, which is not among the played topics {", ".join(played)}'
+            raise ParameterError(f'ghost follows {topics}; name its topic by -r joint_states:=TOPIC')
+        self._ghost = Ghost(self, Path(s['ghost']), s['joint_names']) if s['ghost'] else None
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._play, daemon=True)
         self._thread.start()

@@ -111,6 +111,20 @@ def test_a_ghost_simulates_the_identified_rig_beside_the_recording(tmp_path, nod
     assert worst(other, tmp_path / 'driven').max() < 0.002
 
 
+def test_a_ghost_needs_the_joint_states_of_its_rig(bag, tmp_path, node):
+    ghosts = []
+    node.create_subscription(JointState, '/ghost/joint_states', ghosts.append, 1000)
+    node.create_subscription(JointState, '/states', lambda _: None, 1000)
+    given = parameters(
+        bag=bag, topics='[states]', ghost=written(tmp_path / 'rig.yaml', PAPER), joint_names='[a, b]', wait=10.0
+    )
+    with Program('player', *given) as program:
+        assert program.process.wait(30) == 1
+        program.wait_for('ghost follows /joint_states, which is not among the played topics /states; name its topic by')
+    with Program('player', *given, '-r', 'joint_states:=/states'):
+        assert spin_until(node, lambda: ghosts)
+
+
 def test_effort_commands_are_played_only_on_request_and_all_topics_in_the_namespace(tmp_path, node):
     path = tmp_path / 'bag'
     with BagWriter(path) as writer:
