@@ -101,7 +101,7 @@ class Tracker:
                     self._samples.clear()
                     self._restart()
                     return
-                self.state = state
+                self.state, self.reason = state, ''
                 yield state
 
     def _begin(self) -> None:
@@ -126,7 +126,6 @@ class Tracker:
                     raise ExcitationError('nothing moves')
                 motion = Trajectory(first[:, 0], first[:, 1:3], first[:, 3:5], name='the first motion')
                 self._following = start_following(motion, self._start, self._bounds, s)
-                self.reason = ''
             except PendubotError as error:
                 self.reason = f'{np.ptp(first[:, 0]):.0f} s do not determine the parameters ({error})'
                 if isinstance(error, ExcitationError):

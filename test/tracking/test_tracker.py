@@ -60,7 +60,10 @@ def rigs():
 def track(samples, start=None, portion=200):
     """Return the tracker, its states and its other events."""
     tracker = Tracker(start)
-    events = [e for k in range(0, len(samples), portion) for e in tracker.feed(samples[k : k + portion])]
+    events = []
+    for event in (e for k in range(0, len(samples), portion) for e in tracker.feed(samples[k : k + portion])):
+        assert tracker.state or tracker.waiting  # another thread may read them at any time
+        events.append(event)
     return tracker, [e for e in events if isinstance(e, State)], [e for e in events if not isinstance(e, State)]
 
 
