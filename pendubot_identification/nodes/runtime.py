@@ -202,10 +202,14 @@ class SettingsNode(Node):
             self.get_logger().info(text)
 
     def _refuse_unknown(self, files: Sequence[str]) -> None:
-        """Refuse unknown parameters, because a misspelt limit would have no effect.
+        """Refuse unknown parameters, and known ones without -p, because a limit would have no effect.
 
         A section for all nodes may have parameters of the package's other nodes.
         """
+        for option, word in pairwise(sys.argv):
+            name, assigned, _ = word.partition(':=')
+            if assigned and self.has_parameter(name) and option not in ('-p', '--param'):  # to ROS a remapped topic
+                raise ParameterError(f'{word} sets no parameter; write --ros-args -p {word}')
         # Topics declare their qos_overrides later.
         names = self._parameter_overrides
         unknown = {name for name in names if not (self.has_parameter(name) or name.startswith('qos_overrides.'))}

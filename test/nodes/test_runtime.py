@@ -92,6 +92,8 @@ FILES = [
 def test_invalid_settings_are_refused_in_one_sentence(tmp_path):
     runs = [(program, parameters(**values), sentence) for program, values, sentence in REFUSED]
     runs.append(('bridge', ['--ros-args', '-r', '__ns:=/lab1/'], 'a namespace such as /lab1, without / at its end'))
+    for before in ([], ['--ros-args', '-r']):
+        runs.append(('bridge', [*before, 'port:=/none'], 'sets no parameter; write --ros-args -p port:=/none'))
     runs += [('virtual_board', arguments.split(), sentence) for arguments, sentence in REFUSED_BY_THE_BOARD.items()]
     for k, (content, sentence) in enumerate(FILES):
         file = tmp_path / f'{k}.yaml'
