@@ -185,7 +185,7 @@ def test_lost_messages_are_counted_and_incompatible_publishers_named(tmp_path, n
 def test_sigkill_while_recording_at_1_khz_loses_at_most_a_tenth_of_a_second(tmp_path, node):
     # A busy machine may fail one of two; benchmarks/faults has twenty.
     losses = [lost for lost, _ in kills(node, tmp_path, 2)]
-    assert min(losses) <= 100, losses
+    assert min(losses) <= 0.1, losses
 
 
 def test_a_full_disk_is_reported_in_one_sentence_and_leaves_a_closed_bag(observer, tmp_path):
