@@ -40,7 +40,7 @@ from .model.simulation import HANGING
 from .recordings.bag_reader import BagWindow, RecordedTrajectory, read_trajectory
 from .recordings.datasets import Datasets, divided, load_datasets, windows_of
 from .recordings.survey import Inspection, inspect_recording
-from .recordings.table_reader import TableReader, are_dates, elapsed
+from .recordings.table_reader import TableReader, are_dates, numbers_of
 from .recordings.tables import of_frame
 from .results import comparison
 from .results.checks import Finding, check_recordings
@@ -299,11 +299,11 @@ def _in_memory(recording: Any, conversion: Conversion) -> RecordedTrajectory:
 
 
 def _numbers(name: str, values: ArrayLike) -> Array:
-    """Return an argument as an array of numbers, NaN if masked; dates and durations in seconds from the earliest."""
-    array = np.asarray(values)
-    if array.dtype.kind in 'mM':
-        array = elapsed(array)
+    """Return an argument as an array of numbers, NaN if masked; dates and durations in seconds."""
     try:
+        array = np.asarray(values)
+        if are_dates(array):
+            array = numbers_of(array)
         masked = isinstance(values, np.ma.MaskedArray) and np.ma.getmaskarray(values)
         return np.where(masked, math.nan, array.astype(float))
     except (TypeError, ValueError) as error:
@@ -325,7 +325,7 @@ def simulate(
     Raises:
         PendubotError: the parameters are not physical, or the motion is too fast for the simulation.
     """
-    times = np.asarray(t, dtype=float)
+    times = _numbers('t', t)
     return simulation.simulate(pendubot, times, _torques(times, tau), q, qd)
 
 
@@ -349,7 +349,7 @@ def accelerations(
 
 def _torques(t: Array, tau: ArrayLike) -> Array:
     """Return the torques of both joints [N m], shape (N, 2), at times t, shape (N,)."""
-    torques = np.asarray(tau, dtype=float)
+    torques = _numbers('tau', tau)
     if torques.ndim == 0:
         torques = np.full(t.shape, torques)
     if torques.ndim == 1:

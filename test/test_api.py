@@ -8,6 +8,7 @@ import inspect
 import runpy
 import sys
 from dataclasses import replace
+from datetime import datetime, timezone
 from typing import Literal, get_args, get_origin, get_type_hints
 from xml.etree import ElementTree
 
@@ -78,6 +79,9 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)
         assert [source.role for source in again.result.bags] == ['training', 'validation']
     assert {'preparing', 'checking signs, zeros and stamps'} <= stages
+    microseconds = [datetime.fromtimestamp(x, timezone.utc) for x in motion.t]
+    again = identify(t=microseconds, q=motion.q, tau=motion.tau, **FAST)
+    np.testing.assert_allclose(again.theta, found.theta, rtol=1e-4)
     part = read(f'{SAMPLE}@0:9')
     assert 9 - part.interval <= part.duration + 1e-9 < 9.0
 
@@ -143,6 +147,8 @@ def test_a_torque_may_be_constant_for_the_shoulder_or_for_both_joints():
         motion = simulate(RIG, t, tau, HANGING)
         assert isinstance(motion, Trajectory)
         np.testing.assert_array_equal(motion.q, expected.q)
+    durations = np.rint(1000 * t).astype('timedelta64[ms]')
+    np.testing.assert_allclose(simulate(RIG, durations, 0.3).q, expected.q)
 
 
 def test_masked_samples_are_missing():
@@ -285,6 +291,8 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
     ('call', 'message'),
     [
         (lambda: simulate(RIG, TIMES, [1.0, 2.0]), r'\(N,\) or \(N, 2\) are expected'),
+        (lambda: simulate(RIG, TIMES, ['a', 'b', 'c']), 'tau cannot be read: could not convert string'),
+        (lambda: identify(t=[0.0, 1.0], q=[[0.0, 0.0], [0.0]], tau=0.0), 'q cannot be read: .*; numbers are expected'),
         (lambda: simulate(RIG, [0, 0.1, np.nan], 0.0), 'a stamp is not a finite number'),
         (lambda: simulate(RIG, TIMES, [0, np.nan, 0]), 'a tau that is not a number'),
         (lambda: simulate(RIG, TIMES, 0.0, (np.nan, 0)), 'a q that is not a number'),

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pendubot_identification.arrays import Array, Flags, Indices
 from pendubot_identification.errors import TableError
@@ -216,7 +215,7 @@ class TableReader:
     def _numbers(self, column: str) -> Array:
         """Return a column as numbers, shape (N,); with ``skip_missing``, NaN for other cells, else TableError."""
         cells = self._cells(column)
-        numbers = _numbers(cells, comma=self.given.decimal == 'comma')
+        numbers = numbers_of(cells, comma=self.given.decimal == 'comma')
         bad = np.flatnonzero(~np.isfinite(numbers))
         if self.given.skip_missing or not bad.size:
             return numbers
@@ -255,21 +254,16 @@ def _only(found: list[str]) -> str:
     return found[0] if len(found) == 1 else ''
 
 
-def _numbers(cells: Any, *, comma: bool) -> Array:
-    """Return cells as numbers; NaN for other texts; dates and durations of pandas in seconds from the earliest."""
+def numbers_of(cells: Any, *, comma: bool = False) -> Array:
+    """Return cells as numbers; NaN for other texts; dates and durations of numpy in seconds from the earliest."""
     if not isinstance(cells, tuple):
         cells = np.asarray(cells)
         if cells.dtype.kind in 'mM':
-            return elapsed(cells)
+            missing = np.array('NaT', cells.dtype)
+            return np.asarray((cells - np.fmin.reduce(cells, axis=None, initial=missing)) / np.timedelta64(1, 's'))
         if cells.dtype.kind in 'biuf':
             return np.asarray(cells, dtype=float)
     return np.array([_number(str(cell).replace(',', '.') if comma else str(cell)) for cell in cells])
-
-
-def elapsed(times: NDArray[Any]) -> Array:
-    """Return dates or durations of numpy in seconds from the earliest; NaN if missing."""
-    missing = np.array('NaT', times.dtype)
-    return np.asarray((times - np.fmin.reduce(times, axis=None, initial=missing)) / np.timedelta64(1, 's'))
 
 
 def are_dates(cells: Any) -> bool:
