@@ -612,8 +612,8 @@ class Identified:
             from matplotlib import pyplot
 
             size = len(plot.panels)
-            axes = pyplot.subplots(size, sharex=True, figsize=(8, 1.3 * size), layout='constrained')[1].tolist()
-        drawn = list(axes) if isinstance(axes, (Sequence, np.ndarray)) else [axes]
+            axes = pyplot.subplots(size, sharex=True, figsize=(8, 1.3 * size), layout='constrained')[1]
+        drawn: list[Axes] = np.ravel(np.asarray(axes, dtype=object)).tolist()
         if not drawn:
             raise ParameterError('no axes were given; give one for each panel, or leave out axes for a new figure')
         plot.draw(drawn)

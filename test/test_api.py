@@ -202,6 +202,8 @@ def test_a_result_of_arrays_is_reported_and_plotted_from_memory(tmp_path):
     np.testing.assert_allclose(measured, np.interp(t, recorded.t, recorded.q[:, 0]), atol=0.02)
     (axis,) = found.plot('torque', axes=q1)
     assert axis is q1
+    grid = matplotlib.figure.Figure().subplots(2, 2)
+    assert found.plot(axes=grid) == [*grid.flat]
     with pytest.raises(PendubotError, match="no plot 'torques'"):
         found.plot('torques')
     with pytest.raises(PendubotError, match='no axes were given'):
