@@ -331,8 +331,7 @@ const FILES = { 'report.html': 'the page', 'result.yaml': 'every number', 'pendu
   'pendubot.py': 'Python' };
 const SAID = { WARN: 'Use them with care: the page gives the reasons.', ERROR: 'Do not use them: the page gives the reasons.' };
 function result() {
-  const { level, files, missing } = state.result, page = at('output/report.html');
-  const shell = state.result.command.replace('START.yaml', state.options.start);
+  const { level, command: shell, files, missing } = state.result, page = at('output/report.html');
   const links = Object.keys(FILES).filter((name) => files.includes(name)).map((name) =>
     html`<a class="button" href="${at(`output/${name}`)}" download="${name}">${name}<small>${FILES[name]}</small></a>`);
   return html`<h2>The parameters of the rig</h2>${SAID[level] && note(level, SAID[level])}

@@ -9,6 +9,7 @@ The last event has ``done``, or ``problem``: a sentence, and the options that co
 import json
 import os
 import resource
+import shlex
 import sys
 import tempfile
 import time
@@ -77,7 +78,8 @@ def identify(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
         except PendubotError as error:
             missing[name] = sentence(error)
     files = sorted(each.name for each in folder.iterdir())
-    return {'level': found.level.name, 'command': found.command, 'files': files, 'missing': missing}
+    command = found.command.replace('START.yaml', shlex.quote(job['options'].get('start', '')))
+    return {'level': found.level.name, 'command': command, 'files': files, 'missing': missing}
 
 
 def _options(job: Mapping[str, Any]) -> dict[str, Any]:

@@ -129,13 +129,13 @@ def test_two_pages_work_concurrently_and_independently(studio, tmp_path):
     motions, pages = (swing(), simulate(BALANCE, t, tau, HANGING)), (studio.open(), studio.open())
     for page, each, name in zip(pages, motions, ('phi', 'q1'), strict=True):
         assert page.give('run.csv', csv(each, names=('t', name, 'q2', 'tau1')))[0] == 200
-    pages[0].give('before.yaml', written(tmp_path / 'before.yaml', PAPER).read_bytes())
-    starting = QUICK | {'criterion': 'likelihood', 'start': 'before.yaml', 'columns': 'q1=phi'}
+    pages[0].give('before it.yaml', written(tmp_path / 'before.yaml', PAPER).read_bytes())
+    starting = QUICK | {'criterion': 'likelihood', 'start': 'before it.yaml', 'columns': 'q1=phi'}
     answers = [page.post('identify', 'run.csv', **how) for page, how in zip(pages, (starting, QUICK), strict=True)]
     first = [json.loads(answer.readline()) for answer in answers]
     assert all('progress' in event for event in first), 'both must run at once'
     commands = [json.loads(answer.read().splitlines()[-1])['done']['command'] for answer in answers]
-    assert [command.endswith(' --start=START.yaml --columns q1=phi') for command in commands] == [True, False]
+    assert [command.endswith(" --start='before it.yaml' --columns q1=phi") for command in commands] == [True, False]
     started, other = (yaml.safe_load(page.output('result.yaml')) for page in pages)
     assert started['made_by']['start'][:7] == PAPER.vector().tolist()
     assert other['made_by']['start'] is None
