@@ -286,7 +286,9 @@ def _number(cell: str) -> float:
 def _date(cell: str) -> float:
     """Return a date in ISO 8601 in seconds since 1970, or a time of day in seconds; NaN for another text."""
     with suppress(ValueError):
-        date = datetime.fromisoformat(cell.strip().replace('Z', '+00:00'))
+        # Python 3.10 needs six decimals.
+        text = re.sub(r'[.,](\d+)', lambda decimals: f'.{decimals[1]:0<6.6}', cell.strip().replace('Z', '+00:00'))
+        date = datetime.fromisoformat(text)
         return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp()
     clock = TIME_OF_DAY.fullmatch(cell)
     return 3600 * int(clock[1]) + 60 * int(clock[2]) + float(clock[3].replace(',', '.')) if clock else math.nan

@@ -269,6 +269,8 @@ def test_an_unknown_unit_of_a_time_or_an_angle_is_refused_unless_the_column_is_n
     assert len(read(file, columns={name: column})) == 2
     dated = 'Time (UTC),q1,q2,tau1\n2026-05-12T10:00:00.00,1,2,3\n2026-05-12T10:00:00.01,1,2,3\n'
     assert len(read(written(dated))) == 2
+    digits = dated.replace('00.00', '00').replace('00.01', '00.010000001')
+    assert read(written(digits)).duration == pytest.approx(0.01)
 
 
 def test_a_current_by_a_row_of_units_is_not_accepted_as_a_torque(written):
