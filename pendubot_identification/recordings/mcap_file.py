@@ -129,7 +129,10 @@ class McapFile:
             if not self._size:
                 raise BagError(f'{path} is empty: its recording ended before anything was written; record it again')
             if os.pread(self._descriptor, len(MAGIC), 0) != MAGIC:
-                raise BagError(f'{path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them')
+                raise BagError(
+                    f'{path} is no MCAP file; give a bag folder or a .mcap file as rosbag2 writes them, or a file with '
+                    'columns and a name in .csv, .txt, .tsv, .npz, .mat, .xlsx or .parquet'
+                )
             try:
                 self._read_summary()
             except Exception:  # the parsers raise many types for damaged bytes

@@ -191,6 +191,7 @@ NO_BAG = 'is no bag with messages of type sensor_msgs/msg/JointState that can be
         ('', b'', r'holds no \.mcap or \.db3 file; name the folder that holds one, or a \.bag file'),
         ('bag.mcap', b'', 'is empty'),
         ('bag.mcap', b't,q1,q2\n1,2,3', 'is no MCAP file'),
+        ('run.dat', b't,q1,q2\n1,2,3', r'or a file with columns and a name in \.csv, \.txt'),
         ('bag.db3', b'hello', NO_BAG),
         ('bag.bag', b'hello', NO_BAG),
     ],
