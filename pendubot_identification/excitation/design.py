@@ -173,9 +173,9 @@ def design(
     mde(costs, box, settings, runs=1, progress=report)
     if not finalists:
         raise ExcitationError(
-            f'no pulses up to {limits.torque:g} N m were found that identify all parameters, stay below '
-            f'{limits.speed:g} rad/s and turn the joints by no more than {limits.angle[0]:g} and {limits.angle[1]:g} '
-            'rad; allow a greater speed or angle, or a greater or smaller torque'
+            f'no pulses up to {limits.torque:g} N m were found that identify all parameters below '
+            f'{limits.speed:g} rad/s and within the limits of the angles; allow a greater speed or angle, or a greater '
+            'or smaller torque'
         )
     # Select the best design that keeps the limits with the most of the random parameter vectors.
     theta = parameters.vector()

@@ -88,7 +88,7 @@ def test_a_rig_with_dry_friction_and_a_rotor_gets_a_design():
 
 
 def test_limits_without_a_feasible_design_and_unphysical_rigs_are_refused():
-    with pytest.raises(ExcitationError, match='allow a greater speed or angle'):
+    with pytest.raises(ExcitationError, match=r'below 0.001 .* limits of the angles; allow a greater speed or angle'):
         design(PAPER, Limits(torque=1.0, speed=1e-3), SHORT, generations=2)
     with pytest.raises(ParameterError, match='no rig moves like this'):
         predict(Parameters(1e-3, 1e-3, 1e-3, 0, 0, 0, 0), [paper_pulses(1.0)], SHORT)
