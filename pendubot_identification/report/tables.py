@@ -138,7 +138,12 @@ def _reservations(result: Result, name: str) -> str:
 
 def _with_error(value: float | None, error: float | None, format: str, quantile: float = NORMAL_95) -> str:
     """Return a number and, if its standard error is known, the half-width of its 95 % interval."""
-    return number(value, format) + ('' if value is None or error is None else f' ± {quantile * error:{format}}')
+    if value is None or error is None:
+        return number(value, format)
+    half_width = f'{quantile * error:{format}}'
+    if not re.search('[1-9]', half_width):
+        half_width = f'{quantile * error:.1g}'
+    return f'{number(value, format)} ± {half_width}'
 
 
 def paper_heading(result: Result) -> str:

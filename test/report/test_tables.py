@@ -88,6 +88,8 @@ def test_intervals_depend_on_the_degrees_of_freedom_of_the_standard_errors():
     assert tables.relative_half_width(typed(result).parameters['P1']) == 1.0
     assert tables.estimate(typed(result).parameters['P1'], '.2f').endswith('± 0.32')
     assert '± 0.31' in tables.comparison_table(typed(result)).text()
+    first |= {'std_error': 1e-8, 'interval': [first['value'] - 3.18e-8, first['value'] + 3.18e-8]}
+    assert tables.estimate(typed(result).parameters['P1'], '.2f').endswith('± 3e-08')
 
 
 @pytest.mark.parametrize(('accepted', 'status'), [(True, 'compensated'), (False, 'possible')])
