@@ -325,6 +325,8 @@ def simulate(
     Raises:
         PendubotError: the parameters are not physical, or the motion is too fast for the simulation.
     """
+    if not isinstance(pendubot, Parameters):
+        raise ParameterError(f'{type(pendubot).__name__} was given; a Pendubot is expected, such as found.pendubot')
     times = _numbers('t', t)
     return simulation.simulate(pendubot, times, _torques(times, tau), q, qd)
 
@@ -368,8 +370,10 @@ def compare(results: Mapping[str, Identified]) -> DataFrame:
     errors of both) and p (its two-sided probability by Welch's test). ``attrs['notes']`` has remarks.
 
     Raises:
-        PendubotError: pandas is not installed.
+        PendubotError: a value is no result, or pandas is not installed.
     """
+    if not isinstance(results, Mapping) or not all(isinstance(each, Identified) for each in results.values()):
+        raise ParameterError("results of identify() by their names are expected, such as {'first': found}")
     found = comparison.compare({name: each.result for name, each in results.items()})
     rows, columns = found['parameters'], {'value': 'value', 'std_error': 'std_error', 't': 'apart', 'p': 'p'}
     cells = {

@@ -293,6 +293,9 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
     ('call', 'message'),
     [
         (lambda: simulate(RIG, TIMES, [1.0, 2.0]), r'\(N,\) or \(N, 2\) are expected'),
+        (lambda: simulate(None, TIMES), 'NoneType was given; a Pendubot is expected, such as found.pendubot'),
+        (lambda: compare([]), "results of identify.. by their names are expected, such as {'first': found}"),
+        (lambda: compare({'rig': RIG}), 'results of identify.. by their names are expected'),
         (lambda: simulate(RIG, TIMES, ['a', 'b', 'c']), 'tau cannot be read: could not convert string'),
         (lambda: identify(t=[0.0, 1.0], q=[[0.0, 0.0], [0.0]], tau=0.0), 'q cannot be read: .*; numbers are expected'),
         (lambda: simulate(RIG, [0, 0.1, np.nan], 0.0), 'a stamp is not a finite number'),
