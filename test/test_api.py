@@ -74,6 +74,7 @@ def test_bags_motions_arrays_and_frames_give_the_same_parameters(found):
         identify(motion, **FAST, progress=lambda stage, done, of, best: stages.add(stage)),
         identify(t=dates, q=degrees.tolist(), tau=milli.tolist(), time_unit='ns', **units, **FAST),
         identify(frame.set_index('t'), columns=columns, **units, **FAST),
+        identify(frame.set_index('t').rename_axis(None), columns=columns, **units, **FAST),
         identify(motion[:900], validate=motion[900:], **FAST),
     ):
         np.testing.assert_allclose(again.theta, found.theta, rtol=1e-9)

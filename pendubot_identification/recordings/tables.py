@@ -227,8 +227,8 @@ def _parquet(path: Path, _: Conversion) -> Table:
 
 
 def of_frame(frame: Any) -> Table:
-    """Return the columns of a pandas DataFrame; an index with a name is a column, too, and an index of dates is t."""
-    if frame.index.name is None and frame.index.dtype.kind in 'mM':
+    """Return the columns of a pandas DataFrame; an index with a name is a column, too; else dates or decimals are t."""
+    if frame.index.name is None and frame.index.dtype.kind in 'fmM':
         frame = frame.rename_axis(index='t')
     named = frame if frame.index.name in (None, *frame.columns) else frame.reset_index()
     return Table([str(name) for name in named.columns], [named.iloc[:, k] for k in range(named.shape[1])])
