@@ -41,7 +41,8 @@ def real(tmp_path_factory):
     guess = {n: Parameter(value=entry.value * (1.1 if n == 'P1' else 1)) for n, entry in result.parameters.items()}
     reference = PartialResult(parameters=guess), 'reference'
     with OutputFolder(tmp_path_factory.mktemp('real') / 'look') as folder:
-        result = replace(result, advice=['the motion is little informative of b1 (a, b); to improve: speed'])
+        advice = ['the motion is little informative of b1 (a, b); to improve: speed']
+        result = replace(result, advice=advice, unmodelled=(1.0, 0.984))
         return write_report(folder, result, ([bag[:400]], [bag[400:1000]]), beside=reference)
 
 
