@@ -21,7 +21,7 @@ from pendubot_identification.results.result import read_complete_result, read_re
 from pendubot_identification.setting import flag
 
 from .options import conversion_of
-from .terminal import progress_bar
+from .terminal import print_level, progress_bar
 
 
 def run_report(args: argparse.Namespace) -> int:
@@ -85,8 +85,7 @@ def run_export(args: argparse.Namespace) -> int:
         # Parameters by hand get the same warnings as identified parameters.
         result = replace(result, level=Level.ERROR, warnings=list(dict.fromkeys([*result.warnings, *problems])))
     text, remarks = export(result, name, args.link_length, args.torque_limit, revolute=args.revolute)
-    if result.level:
-        print(f'level {result.level.name}: {"; ".join(result.warnings)}', file=sys.stderr)
+    print_level(result)
     for remark in remarks:
         print(remark, file=sys.stderr)
     if args.output is None:

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from pendubot_identification.identification.estimate import Progress
 from pendubot_identification.report.tables import parameter_table, remarks, wrapped
-from pendubot_identification.results.result import Result
+from pendubot_identification.results.result import PartialResult, Result
 
 #: Largest readable width of text [columns]; largest number of lines of a brief text, including lines about files.
 WIDEST, LINES = 120, 30
@@ -26,6 +26,12 @@ ENDLESS = '{desc} {n_fmt}{postfix} [{elapsed}]'
 def columns() -> int:
     """Return the width of text [columns], also for a pipe or a file."""
     return max(20, min(shutil.get_terminal_size((WIDEST, 24)).columns, WIDEST))
+
+
+def print_level(result: PartialResult) -> None:
+    """Print the level of a result below OK, and its warnings, to stderr."""
+    if result.level:
+        print(f'level {result.level.name}: {"; ".join(result.warnings)}', file=sys.stderr)
 
 
 @contextmanager

@@ -31,6 +31,9 @@ def test_a_design_is_shown_and_written_as_a_parameter_file_of_the_exciter(tmp_pa
     assert status == 0
     assert checked.splitlines()[:2] == shown.splitlines()[:2], 'the file must contain the simulated design'
 
+    write(result, plain(('weak',)) | {'level': 'ERROR', 'warnings': ['so so']})
+    assert run('excite', '--check', output, '--from', result) == (0, checked, 'level ERROR: so so\n')
+
     assert run('simulate', '--output', tmp_path / 'bag', '--samples', '200', '--excitation', output)[0] == 0
     train, duration = read_exciter(output)
     assert duration == 2.0
