@@ -224,8 +224,10 @@ def describe(source: File, **options: object) -> Inspection:
     """Inspect a recording with the options of :func:`read`: columns or topics, samples, or why it is unreadable.
 
     Raises:
-        PendubotError: an option is invalid.
+        PendubotError: an option is invalid, or the source is no name.
     """
+    if not isinstance(source, (str, Path)):
+        raise ParameterError(f'{type(source).__name__} was given; the name of a bag or file is expected')
     conversion = Conversion.of(_options(options))
     (window,) = windows_of([str(source)], conversion)
     return inspect_recording(window, conversion)

@@ -295,6 +295,8 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
     [
         (lambda: simulate(RIG, TIMES, [1.0, 2.0]), r'\(N,\) or \(N, 2\) are expected'),
         (lambda: simulate(None, TIMES), 'NoneType was given; a Pendubot is expected, such as found.pendubot'),
+        (lambda: identify(SAMPLE, start=[5]), 'start is of type list; a result file or a Pendubot, such as found.pend'),
+        (lambda: describe(read(SAMPLE)), 'Trajectory was given; the name of a bag or file is expected'),
         (lambda: compare([]), "results of identify.. by their names are expected, such as {'first': found}"),
         (lambda: compare({'rig': RIG}), 'results of identify.. by their names are expected'),
         (lambda: simulate(RIG, TIMES, ['a', 'b', 'c']), 'tau cannot be read: could not convert string'),

@@ -33,6 +33,9 @@ def settings_of(options: Mapping[str, Any], bounds: Bounds | None = None) -> Set
     start = given.pop(START.name, None)
     chosen = {FIELDS.get(name, name): known[name].parse(value) for name, value in given.items()}
     if start is not None:
+        if not isinstance(start, (str, Path, Parameters)):
+            found = f'start is of type {type(start).__name__}'
+            raise ParameterError(f'{found}; a result file or a Pendubot, such as found.pendubot, is expected')
         chosen[START.name] = start if isinstance(start, Parameters) else read_result(Path(start)).theta
     return Settings(bounds=bounds or default_bounds(), reading=Conversion.of(conversion), **chosen)
 
