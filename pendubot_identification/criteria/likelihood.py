@@ -36,8 +36,8 @@ T = TypeVar('T')
 Shape = Callable[[Motion, Array], Motion]
 #: Maps recorded positions [rad], shape (N, 2), and the unknowns of an effect to the true positions.
 Calibration = Callable[[Array, Array], Array]
-#: Number of unknowns before the effects: theta, delay, offsets.
-SHARED = 17
+#: Number of unknowns before the effects: theta, delay.
+SHARED = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class LikelihoodSettings:
     intervals: tuple[float, ...] = (0.05, 0.1, 0.2)
     step: float = 0.005  #: longest Runge-Kutta step [s].
     freedom: float = 12.0  #: nu, degrees of freedom of the innovations; 1e9: Gaussian.
-    offset: float = 0.005  #: standard deviation of the zeros of both positions [rad].
+    offset: float = 0.005  #: standard deviation of the zeros of both positions in a recording [rad].
     #: a sample has no weight if both joints move by at most this number of encoder steps: at rest neither torque noise
     #: nor quantization is white.
     rest: float = 2.5
@@ -253,7 +253,10 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """J as a function of x: theta (14), delay, offsets, effects, and log noise (position, torque) at each level."""
+    """J as a function of x: theta (14), delay, effects, offsets of each recording, log noise at each level.
+
+    The offsets and the noise are of both positions; the noise is also of both torques.
+    """
 
     filter_data: FilterData  #: the inputs of the filters.
     lower: Array  #: lower bounds of x, shape (P,); equal bounds fix an unknown.
@@ -270,8 +273,8 @@ class Likelihood:
 
     def widened(self, x: Array, levels: int) -> Array:
         """Return x for another number of levels; further levels have the values of the first one."""
-        noise = x[self.shared :]
-        return np.append(x[: self.shared], noise if levels == self.levels else np.tile(noise[:4], levels))
+        before, noise = x[: self.noisy], x[self.noisy :]
+        return np.append(before, noise if levels == self.levels else np.tile(noise[:4], levels))
 
     def extended(self, effects: Sequence[Effect], x: Array) -> tuple[Likelihood, Array]:
         """Return the likelihood with more effects, and x with their initial values."""
@@ -293,8 +296,17 @@ class Likelihood:
 
     @property
     def shared(self) -> int:
-        """The number of unknowns that all levels share."""
+        """The number of unknowns before the offsets."""
         return len(self.scale)
+
+    @property
+    def noisy(self) -> int:
+        """The number of unknowns before the noise."""
+        return len(self.scale) + 2 * len(self.filter_data.motions)
+
+    def offsets(self, x: Array) -> Array:
+        """Return the offsets of the positions in each recording [rad], shape (R, 2)."""
+        return x[self.shared : self.noisy].reshape(-1, 2)
 
     def _vectors(self, lanes: Array) -> tuple[Samples, Vectors, tuple[Term, ...]]:
         """Return the inputs of the filters for L vectors of unknowns, shape (P, L)."""
@@ -316,11 +328,16 @@ class Likelihood:
         tau = [self._torques(float(lanes[14, k]), [(f, u[:, k]) for f, u in shapes]) for k in different]
         positions = [self._positions([(f, u[:, k]) for f, u in calibrations]) for k in different]
         start, y = map(np.stack, zip(*positions, strict=True))
+        # All lanes have the offsets of the first one, or a common change of them: a filter has one recording.
+        own = self.offsets(lanes[:, 0])[[each.recording for each in self.filter_data.series]]
+        start[..., :2] -= own
+        y -= own[:, None]
+        offset = lanes[self.shared : self.shared + 2]
         samples = replace(self.filter_data.samples, start=start, tau=np.stack(tau), y=y)
         vectors = Vectors(
             theta=lanes[:14],
-            offset=lanes[15:17],
-            noise=np.exp(2 * lanes[self.shared :].reshape(self.levels, 4, count)),
+            offset=offset - offset[:, :1],
+            noise=np.exp(2 * lanes[self.noisy :].reshape(self.levels, 4, count)),
             width=width,
             coefficient=np.reshape(coefficients, (-1, count)),
             table=table.ravel(),
@@ -378,17 +395,20 @@ class Likelihood:
 
     def prior(self, x: Array) -> float:
         """Return the part of J by the prior of the offsets."""
-        return float((x[15:17] ** 2).sum() / self.filter_data.settings.offset**2 / 2)
+        return float((self.offsets(x) ** 2).sum() / self.filter_data.settings.offset**2 / 2)
 
     @np.errstate(all='ignore')
     def evaluate(self, x: Array) -> Evaluation:
         """Return J, and slopes and information by the estimated unknowns, from finite differences."""
         filter_data, nu, size = self.filter_data, self.filter_data.settings.freedom, len(x)
         shared = np.flatnonzero(self.estimated[: self.shared])
-        steps = 1e-5 * np.append(self.scale[shared], np.ones(4))
+        steps = 1e-5 * np.concatenate([self.scale[shared], [0.01, 0.01], np.ones(4)])
         lanes = np.repeat(x[:, None], 1 + len(steps), axis=1)
-        noise = self.shared + np.arange(4 * self.levels).reshape(self.levels, 4)
-        lanes[shared, 1 + np.arange(len(shared))] += steps[:-4]
+        offsets = np.arange(self.shared, self.noisy).reshape(-1, 2)
+        noise = np.arange(self.noisy, size).reshape(self.levels, 4)
+        lanes[shared, 1 + np.arange(len(shared))] += steps[:-6]
+        for k in range(2):
+            lanes[offsets[:, k], k - 6] += steps[k - 6]
         for k in range(4):  # of all levels at once: a filter depends only on the noise of its level
             lanes[noise[:, k], k - 4] += steps[k - 4]
         e, s = innovations(*self._vectors(lanes))
@@ -401,7 +421,7 @@ class Likelihood:
         costs, count = self._costs(e, s), len(filter_data.owner)
         slopes, informations = np.zeros((count, size)), np.zeros((count, size, size))
         for each in filter_data.series:
-            index = np.concatenate([shared, noise[each.level]])
+            index = np.concatenate([shared, offsets[each.recording], noise[each.level]])
             square = np.ix_(index, index)
             first = each.rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[each.rows])) + 1)
             for part in map(slice, first, [*first[1:], each.rows.stop]):
@@ -410,7 +430,7 @@ class Likelihood:
                 slopes[block, index] += (to_e[part].ravel() @ a + to_s[part].ravel() @ b) / steps
                 informations[block][square] += information / steps / steps[:, None]
         prior = np.zeros(size)
-        prior[15:17] = 1 / filter_data.settings.offset**2
+        prior[self.shared : self.noisy] = 1 / filter_data.settings.offset**2
         cost = float(costs.sum()) + self.prior(x)
         return Evaluation(
             costs,
@@ -466,7 +486,7 @@ def fit(
     lower, upper, estimated = likelihood.lower, likelihood.upper, likelihood.estimated
     x = repaired(np.clip(x, lower, upper))
     damping, gain, number, rejected = 1e-3, math.inf, 0, 0
-    reach = np.where(np.arange(len(x)) < likelihood.shared, np.inf, 1.0)  # noise changes by a factor of e at most
+    reach = np.where(np.arange(len(x)) < likelihood.noisy, np.inf, 1.0)  # noise changes by a factor of e at most
     now = likelihood.evaluate(x)
     if not np.isfinite(now.cost):
         raise FloatingPointError

@@ -82,8 +82,8 @@ class Simulations:
         parts = substeps(Parameters.from_vector(theta), root_mean_square_torque(motions), STEP)
         at = tuple(round(horizon / STEP) * parts for horizon in horizons)
         numbers, times, starts, ends, tau = [], [], [], [], []
-        shift = np.array([*offset, 0.0, 0.0])[:, None]
-        for number, motion in enumerate(motions):
+        shifts = np.pad(np.broadcast_to(offset, (len(motions), 2)), ((0, 0), (0, 2)))[:, :, None]
+        for number, (motion, shift) in enumerate(zip(motions, shifts, strict=True)):
             first, last = motion.start + max(delay, 0.0), motion.end + min(delay, 0.0) - max(horizons)
             t = np.arange(first, last, stride)
             numbers.append(np.full(len(t), number))
@@ -148,7 +148,7 @@ def refine(
         prior: A, shape (D, D).
         pull: g, shape (D,).
         delay: of the effort [s].
-        offset: of the positions [rad], shape (2,).
+        offset: of the positions in each recording [rad], shape (R, 2); (2,) for all.
         bounds: of theta.
         filter_data: of the same recordings, which defines the blocks of time.
         settings: see :class:`PredictionSettings`.

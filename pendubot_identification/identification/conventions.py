@@ -222,7 +222,7 @@ def sound(faults: Sequence[Fault]) -> bool:
 
 
 def agrees_with_exact_fit(fault: Fault, offsets: Array) -> bool:
-    """Return whether a fault is consistent with an exact fit and its zero errors [rad], shape (2,)."""
+    """Return whether a fault is consistent with an exact fit and its zero errors [rad], shape (R, 2)."""
     if fault.name == 'zero' and fault.change is not None:
         return bool((np.abs(fault.change.c + offsets) < SETTINGS.zero).all())
     return fault.name in ('unit', 'length', 'delay', 'counts')

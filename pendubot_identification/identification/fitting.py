@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import Regression, energy_regression
 from pendubot_identification.criteria.likelihood import (
-    SHARED,
     FilterData,
     Likelihood,
     LikelihoodFit,
@@ -230,9 +229,9 @@ def with_fitted_noise(
         TrajectoryError: no filter follows the motion.
     """
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
-    known = np.concatenate([theta, np.zeros(GEARED - len(theta)), [delay], offsets])
+    known = np.concatenate([theta, np.zeros(GEARED - len(theta)), [delay], np.tile(offsets, len(motions))])
     like = _likelihood(data, _shortest(_stable_step(data, theta)), known[:GEARED])
-    lower, upper = (np.append(known, bound[SHARED:]) for bound in (like.lower, like.upper))
+    lower, upper = (np.append(known, bound[like.noisy :]) for bound in (like.lower, like.upper))
     try:
         return fit(replace(like, lower=lower, upper=upper), np.append(known, first_noise(data, like.filter_data)))
     except FloatingPointError as error:
@@ -252,14 +251,15 @@ def _likelihood(data: TrainingData, settings: LikelihoodSettings, theta: Array) 
     box = theta_box(data.settings, 'geared' if data.settings.model == 'auto' else data.settings.model)
     low, high = data.settings.delays
     noise, effort = np.log(filter_data.quantization) / 2, np.log(data.effort)
-    lower = np.concatenate([box.lower, [low, -0.1, -0.1], noise, effort - 16])
+    zeros = np.full(2 * len(data.motions), 0.1)
+    lower = np.concatenate([box.lower, [low], -zeros, noise, effort - 16])
     loudest = np.maximum(noise + 3, math.log(SETTINGS.noisiest))
-    upper = np.concatenate([box.upper, [high, 0.1, 0.1], loudest, effort + 2])
+    upper = np.concatenate([box.upper, [high], zeros, loudest, effort + 2])
     inertia, mass = max(theta[:2].sum(), 1e-9), max(theta[3:5].sum(), 1e-9)
     torque, speed = data.effort.max(), max(float(data.scale[2:].max()), 1e-3)
     of = {'P1': inertia, 'P2': inertia, 'P3': inertia, 'P4': mass, 'P5': mass, 'J2': inertia, 'k1': 1.0, 'k2': 1.0}
     friction = {name: torque / speed if name[0] == 'b' else torque for name in NAMES if name not in of}
-    scale = np.array([*((of | friction)[name] for name in NAMES), 0.01, 0.01, 0.01])
+    scale = np.array([*((of | friction)[name] for name in NAMES), 0.01])
     return Likelihood(filter_data, lower, upper, scale)
 
 
@@ -309,7 +309,8 @@ def _fit_from(
     noise = first_noise(data, like.filter_data)
     for noisy, small in ((1.0, 1.0), (SETTINGS.louder, 1.0), (SETTINGS.louder, SETTINGS.smaller)):
         begin = np.append(small * theta[:5], theta[5:])
-        x = np.concatenate([begin, [delay, 0.0, 0.0], noise + np.log([1.0, 1.0, noisy, noisy])])
+        zeros = np.zeros(2 * len(data.motions))
+        x = np.concatenate([begin, [delay], zeros, noise + np.log([1.0, 1.0, noisy, noisy])])
         with contextlib.suppress(FloatingPointError):
             return _fit(like, x, progress)
     return None
@@ -358,7 +359,7 @@ def fit_intervals(data: TrainingData, rough: LikelihoodFit, progress: Progress) 
 
 def torque_noise(data: TrainingData, fitted: LikelihoodFit) -> Array:
     """Return the torque noise at each of K intervals over the limit of an exact rig, shape (K, 2)."""
-    noise = np.exp(fitted.x[fitted.likelihood.shared :].reshape(-1, 4)[:, 2:])
+    noise = np.exp(fitted.x[fitted.likelihood.noisy :].reshape(-1, 4)[:, 2:])
     return np.asarray(noise / math.sqrt(0.1) / (np.array(SETTINGS.quiet) * data.effort))
 
 
@@ -381,7 +382,7 @@ def fit_all_samples(
     if not nearly_exact(data, all_intervals):
         return None
     before, interval = all_intervals.likelihood, min(m.interval for m in data.motions)
-    at = before.shared
+    at = before.noisy
     off = abs(math.remainder(all_intervals.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(
         intervals=(interval / 2,),

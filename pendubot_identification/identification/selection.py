@@ -137,8 +137,8 @@ class Composite(Fits):
 
     @property
     def offsets(self) -> Array:
-        """The offsets of the positions [rad], shape (2,)."""
-        return self.last.x[15:17]
+        """The offsets of the positions in each recording [rad], shape (R, 2)."""
+        return self.last.likelihood.offsets(self.last.x)
 
     @property
     def filter_data(self) -> FilterData:
@@ -308,7 +308,7 @@ def _best_hold(data: TrainingData, rough: LikelihoodFit, progress: Progress) -> 
     if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= SETTINGS.held_step:
         return data, rough
     other = data.held('linear' if data.hold == 'zero' else 'zero')
-    x, at = rough.x.copy(), rough.likelihood.shared
+    x, at = rough.x.copy(), rough.likelihood.noisy
     x[14] += (0.5 if other.hold == 'zero' else -0.5) * np.median([m.interval for m in other.motions])
     x[at:] = np.maximum(x[at:], first_noise(other, rough.likelihood.filter_data))
     try:
@@ -329,11 +329,11 @@ def _sized(found: Sequence[DetectedEffect], x: Array) -> tuple[DetectedEffect, .
 
 def recorded_zeros(rough: LikelihoodFit) -> Zeros:
     """Return the errors of each recording's zeros: one scoring step of the offsets alone."""
-    filter_data, blocks, offsets = rough.likelihood.filter_data, rough.evaluation, [15, 16]
+    filter_data, blocks = rough.likelihood.filter_data, rough.evaluation
     count = len(filter_data.motions)
     angles, std_error = np.full((2, count), math.nan), np.full((2, count), math.nan)
     for k in range(count):
-        selected = filter_data.owner == k
+        selected, offsets = filter_data.owner == k, rough.likelihood.shared + np.array([2 * k, 2 * k + 1])
         information = blocks.informations[selected].sum(axis=0)[np.ix_(offsets, offsets)]
         if np.linalg.cond(information) > 1e12:
             continue

@@ -210,7 +210,7 @@ def _inconsistencies(answer: Composite, motions: Sequence[Motion]) -> Iterator[s
     found = list(contradictions([*training, *actual], model, delay, data.settings.box(model)))
     try:
         if actual:
-            problem = with_fitted_noise(actual, answer.theta, delay, data.settings, answer.offsets)
+            problem = with_fitted_noise(actual, answer.theta, delay, data.settings, answer.offsets.mean(axis=0))
             found += disturbances(problem)
             # Quantization alone can look like torque noise.
             worse = (torque_noise(data, problem) > 1) & (unexplained(problem.likelihood, problem.x) > FITTING.least)

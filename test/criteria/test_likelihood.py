@@ -12,7 +12,6 @@ from scipy.interpolate import PPoly
 from scipy.optimize import minimize
 
 from pendubot_identification.criteria.likelihood import (
-    SHARED,
     Effect,
     FilterData,
     Likelihood,
@@ -49,9 +48,10 @@ def likelihood(prepared, theta=TRUE, effects=(), **settings):
     quantization, box = np.log(filter_data.quantization) / 2, default_bounds()
     noise = [*(quantization + 0.4), *np.log([0.03 * torque] * 2)] * levels
     low, high = [*quantization, -20, -20] * levels, [*(quantization + 3), 5, 5] * levels
-    lower, upper = (np.concatenate(parts) for parts in ((box.lower, [-0.1] * 3, low), (box.upper, [0.1] * 3, high)))
-    like = Likelihood(filter_data, lower, upper, np.array([*own, *[0.01] * 3]))
-    x = np.concatenate([theta, [0, 0, 0], noise])
+    rest = np.full(1 + 2 * len(prepared), 0.1)  # the delay and the offsets
+    lower, upper = (np.concatenate(parts) for parts in ((box.lower, -rest, low), (box.upper, rest, high)))
+    like = Likelihood(filter_data, lower, upper, np.array([*own, 0.01]))
+    x = np.concatenate([theta, 0 * rest, noise])
     return like.extended(effects, x) if effects else (like, x)
 
 
@@ -76,10 +76,11 @@ def prepared():
 @pytest.mark.parametrize(('effects', 'freedom'), [((), 1e9), (EFFECTS, 12.0)], ids=['model', 'effects'])
 def test_slopes_agree_with_finite_differences_of_the_costs(prepared, effects, freedom):
     like, x = likelihood(prepared, 1.02 * TRUE + 0.01, effects, freedom=freedom, intervals=(0.05, 0.2))
-    x[14:SHARED] = 0.002, 0.001, -0.002
+    x[14] = 0.002
+    x[like.shared : like.noisy] = 0.001, -0.002, -0.003, 0.004
     evaluation = like.evaluate(x)
     np.testing.assert_allclose(evaluation.costs, like.costs(x))
-    steps = 1e-4 * np.append(like.scale, np.ones(4 * like.levels))
+    steps = 1e-4 * np.concatenate([like.scale, np.full(4, 0.01), np.ones(4 * like.levels)])
     expected = [(like.costs(x + d) - like.costs(x - d)) / (2 * abs(d).sum()) for d in np.diag(steps)]
     # Scaled by the square root of the curvature.
     size = np.sqrt(np.diagonal(evaluation.informations.sum(axis=0)))
@@ -101,10 +102,10 @@ def test_blocks_add_up_to_the_likelihood_of_the_recordings(prepared):
 
 def test_the_prior_penalises_the_offsets(prepared):
     like, x = likelihood(prepared, intervals=(0.2,))
-    x[15:17] = 0.005, -0.01
+    x[like.shared : like.noisy] = 0.005, 0.0, 0.0, -0.01
     found = like.evaluate(x)
     assert found.cost - found.costs.sum() == pytest.approx(0.5 * (1 + 4))
-    prior = np.isin(np.arange(len(x)), (15, 16)) / 0.005**2
+    prior = np.isin(np.arange(len(x)), (15, 16, 17, 18)) / 0.005**2
     np.testing.assert_allclose(found.slope - found.slopes.sum(axis=0), prior * x, atol=1e-6)
     np.testing.assert_allclose(np.diag(found.information - found.informations.sum(axis=0)), prior, atol=1e-3)
 
@@ -153,7 +154,7 @@ def test_the_intensity_of_white_torque_noise_is_estimated_at_each_interval():
         noisy.append(Motion.prepare(replace(simulated, tau=clean.tau), 0.05))
     like, x = likelihood(noisy)
     found = fit(like, x, iterations=60)
-    intensities = np.exp(found.x[like.shared :].reshape(3, 4)[:, 2:])
+    intensities = np.exp(found.x[like.noisy :].reshape(3, 4)[:, 2:])
     np.testing.assert_allclose(intensities, sigma, rtol=0.4)
 
 

@@ -152,6 +152,16 @@ def test_an_effect_of_the_middle_of_long_recordings_alone_is_not_compensated(mon
     assert (found.name, found.where, found.accepted) == ('offset', 'shoulder', False)
 
 
+def test_every_recording_has_its_own_zeros():
+    """Friction holds a link away from hanging while its zero is set."""
+    zeros = np.array([[0.03, -0.05], [-0.04, 0.02], [0.0, 0.0]])
+    motions = [recording(800, seed=seed) for seed in range(3)]
+    answer, steps = fitted(*(replace(m, q=m.q + zero) for m, zero in zip(motions, zeros, strict=True)))
+    assert 'residual at the quantization level' in steps
+    np.testing.assert_allclose(answer.theta[:5], astuple(PAPER)[:5], rtol=1e-3)
+    np.testing.assert_allclose(answer.offsets, zeros, atol=1e-4)
+
+
 def test_the_estimate_without_a_recording_is_the_fit_of_the_others():
     answer, _ = fitted(*(recording(400, seed=seed) for seed in (1, 2)), model='viscous')
     for removed in range(2):
