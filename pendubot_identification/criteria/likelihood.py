@@ -245,7 +245,8 @@ class Evaluation:
 
     costs: Array  #: of each block of time, shape (B,).
     slopes: Array  #: of each block, shape (B, P).
-    informations: Array  #: of each block, shape (B, P, P).
+    #: of each block by the unknowns of its recording, see :meth:`Likelihood.of_recording`, shape (B, Q, Q).
+    informations: Array
     cost: float  #: of all blocks and the prior, infinite if a filter diverges.
     slope: Array  #: likewise, shape (P,).
     information: Array  #: likewise, shape (P, P).
@@ -303,6 +304,11 @@ class Likelihood:
     def noisy(self) -> int:
         """The number of unknowns before the noise."""
         return len(self.scale) + 2 * len(self.filter_data.motions)
+
+    def of_recording(self, number: int) -> Indices:
+        """Return the indices of a recording's unknowns: all but the offsets of the others, shape (Q,)."""
+        others = np.arange(self.shared, self.noisy).reshape(-1, 2)
+        return np.delete(np.arange(self.noisy + 4 * self.levels), np.delete(others, number, axis=0).ravel())
 
     def offsets(self, x: Array) -> Array:
         """Return the offsets of the positions in each recording [rad], shape (R, 2)."""
@@ -419,17 +425,22 @@ class Likelihood:
         to_s = w * (0.5 / s - (nu + 1) / 2 * e * e / (s * (nu * s + e * e)))
         ee, ss = w * ((nu + 1) / ((nu + 3) * s)), w * (nu / (2 * (nu + 3) * s * s))
         costs, count = self._costs(e, s), len(filter_data.owner)
-        slopes, informations = np.zeros((count, size)), np.zeros((count, size, size))
+        own = self.shared + 2 + 4 * self.levels
+        slopes, informations = np.zeros((count, size)), np.zeros((count, own, own))
         for each in filter_data.series:
             index = np.concatenate([shared, offsets[each.recording], noise[each.level]])
-            square = np.ix_(index, index)
+            local = np.searchsorted(self.of_recording(each.recording), index)
+            square = np.ix_(local, local)
             first = each.rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[each.rows])) + 1)
             for part in map(slice, first, [*first[1:], each.rows.stop]):
                 block, a, b = filter_data.block[part.start], *(d[part].reshape(-1, len(index)) for d in (de, ds))
                 information = (a * ee[part].reshape(-1, 1)).T @ a + (b * ss[part].reshape(-1, 1)).T @ b
                 slopes[block, index] += (to_e[part].ravel() @ a + to_s[part].ravel() @ b) / steps
                 informations[block][square] += information / steps / steps[:, None]
-        prior = np.zeros(size)
+        information, prior = np.zeros((size, size)), np.zeros(size)
+        for number in range(len(filter_data.motions)):
+            index = self.of_recording(number)
+            information[np.ix_(index, index)] += informations[filter_data.owner == number].sum(axis=0)
         prior[self.shared : self.noisy] = 1 / filter_data.settings.offset**2
         cost = float(costs.sum()) + self.prior(x)
         return Evaluation(
@@ -438,7 +449,7 @@ class Likelihood:
             informations,
             cost if np.isfinite(cost) and np.isfinite(informations).all() else math.inf,
             slopes.sum(axis=0) + prior * x,
-            informations.sum(axis=0) + np.diag(prior),
+            information + np.diag(prior),
         )
 
 

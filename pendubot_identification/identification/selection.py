@@ -115,6 +115,8 @@ class Composite(Fits):
         onto = np.zeros((GEARED, len(H)))
         onto[:, :GEARED] = np.eye(GEARED)
         onto[:, rest] = -H[np.ix_(theta, rest)] @ np.linalg.pinv(H[np.ix_(rest, rest)], hermitian=True)
+        owner, informations = last.likelihood.filter_data.owner, last.evaluation.informations
+        parts = [onto[:, last.likelihood.of_recording(k)] for k in owner]
         size = int(np.flatnonzero(last.likelihood.estimated[:GEARED]).max(initial=0)) + 1
         smallest = next(name for name, count in MODELS.items() if count >= size)
         return cls(
@@ -125,7 +127,7 @@ class Composite(Fits):
             free=last.free[:GEARED],
             information=onto @ H @ onto.T,
             slopes=last.evaluation.slopes @ onto.T,
-            informations=onto @ last.evaluation.informations @ onto.T,
+            informations=np.array([part @ each @ part.T for part, each in zip(parts, informations, strict=True)]),
             unexplained=unexplained(rough.likelihood, rough.x),
             steps=tuple(steps),
         )
@@ -333,8 +335,9 @@ def recorded_zeros(rough: LikelihoodFit) -> Zeros:
     count = len(filter_data.motions)
     angles, std_error = np.full((2, count), math.nan), np.full((2, count), math.nan)
     for k in range(count):
-        selected, offsets = filter_data.owner == k, rough.likelihood.shared + np.array([2 * k, 2 * k + 1])
-        information = blocks.informations[selected].sum(axis=0)[np.ix_(offsets, offsets)]
+        first, selected = rough.likelihood.shared, filter_data.owner == k
+        offsets = first + np.array([2 * k, 2 * k + 1])
+        information = blocks.informations[selected, first : first + 2, first : first + 2].sum(axis=0)
         if np.linalg.cond(information) > 1e12:
             continue
         inverse = np.linalg.inv(information)

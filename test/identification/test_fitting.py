@@ -145,11 +145,12 @@ def test_an_effect_of_the_middle_of_long_recordings_alone_is_not_compensated(mon
     monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=10.0))
     runs = rig.record(range(2), [Rig()] * 2, step=0.0025)
     for k, run in enumerate(runs):
-        run.tau += np.where(abs(run.t - 5.0) < 2.5, 0.06, -0.06)
-        run.q += np.random.default_rng(k).normal(scale=0.003, size=run.q.shape)
+        run.tau += np.where(abs(run.t - 5.0) < 2.5, 0.04, -0.04)
+        run.q += np.random.default_rng(k).normal(scale=0.01, size=run.q.shape)
     answer, _ = fitted(*map(trajectory, runs), effects=True, model='coulomb', hold='zero')
     (found,) = answer.effects
-    assert (found.name, found.where, found.accepted) == ('offset', 'shoulder', False)
+    assert found.name in ('offset', 'spring')  # a spring has a constant torque, too
+    assert (found.where, found.accepted) == ('shoulder', False)
 
 
 def test_every_recording_has_its_own_zeros():
