@@ -86,12 +86,12 @@ def test_verbose_shows_the_complete_result(run, inputs, tmp_path):
 
 def test_a_terminal_shows_progress_time_and_best_value_but_not_with_json(tmp_path):
     """The run is long, without the kernel and without early convergence, to show progress on any machine."""
-    (tmp_path / 'long.yaml').write_text('{runs: 2, generations: 1000}')
+    (tmp_path / 'long.yaml').write_text('{runs: 2, generations: 3000}')
     command = (*PENDUBOT, 'identify', SAMPLE, '--criterion', 'energy', '--model', 'viscous', '--optimizer', 'mde')
     drawn = in_a_terminal(
         *command, '--spread', '0', '--settings', tmp_path / 'long.yaml', COLUMNS='120', PENDUBOT_KERNEL='off'
     )
-    bars = re.findall(r'energy: MDE .*? (\d+)/1000, J = (\S+) \[[\d:]+, [\d:?]+ left\]', drawn)
+    bars = re.findall(r'energy: MDE .*? (\d+)/3000, J = (\S+) \[[\d:]+, [\d:?]+ left\]', drawn)
     assert len(bars) > 2
     done, best = [int(n) for n, _ in bars], [float(J) for _, J in bars]
     assert done == sorted(done)
