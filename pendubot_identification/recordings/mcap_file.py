@@ -192,19 +192,28 @@ class McapFile:
                     self.damages.append(Damage(offset, length))
                     continue
                 if waiting:
-                    yield parse_records(b''.join(waiting))[0]
+                    yield self._parsed(waiting)
                 after = (first_ns - (self.first_ns or 0)) / 1e9
-                raise BagError(
-                    f'{self.path} is damaged {offset} bytes from its start, {after:.3f} s after its first message, or '
-                    'changed after it was opened; copy it again from the recorder, choose a window without that time, '
-                    f'or save its intact messages with pendubot repair {self.path.parent}'
-                ) from error
+                where = f' {offset} bytes from its start, {after:.3f} s after its first message,'
+                raise self._damaged(where) from error
             size += len(waiting[-1])
             if size >= BLOCK:
-                yield parse_records(b''.join(waiting))[0]
+                yield self._parsed(waiting)
                 waiting, size = [], 0
         if waiting:
-            yield parse_records(b''.join(waiting))[0]
+            yield self._parsed(waiting)
+
+    def _parsed(self, contents: Sequence[bytes]) -> Messages:
+        try:
+            return parse_records(b''.join(contents))[0]
+        except Exception as error:
+            raise self._damaged('') from error
+
+    def _damaged(self, where: str) -> BagError:
+        return BagError(
+            f'{self.path} is damaged{where} or changed after it was opened; copy it again from the recorder, choose a '
+            f'window without that time, or save its intact messages with pendubot repair {self.path.parent}'
+        )
 
     def _read_summary(self) -> None:
         """Read definitions, counts and the index of chunks from the end of the file, or raise any exception."""

@@ -141,6 +141,14 @@ def test_a_wrong_length_in_a_chunk_without_checksum_is_detected(tmp_path, closed
     assert not saved.intact
 
 
+def test_a_damaged_compressed_message_in_an_intact_chunk_is_detected(tmp_path):
+    """The disk of the recording computer damaged it before its chunk got a checksum."""
+    file = tmp_path / 'bag.mcap'
+    foreign(file, ((message(k)[0], b'\x28\xb5\x2f\xfd' + bytes(20)) for k in range(300)))
+    with pytest.raises(BagError, match='is damaged or changed after it was opened; copy it again from the recorder'):
+        list(BagReader(file).messages([TOPIC]))
+
+
 def test_a_chunk_of_zeros_is_detected(tmp_path):
     """A copy or a disk may lose a block."""
     sent = damage.write(tmp_path / 'bag')
