@@ -14,16 +14,18 @@ from pendubot_identification.excitation.excitation import PulseTrain, read_excit
 from pendubot_identification.files import refuse_input, refuse_unwritable
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.report.tables import excitation_table, motion_lines
-from pendubot_identification.results.result import read_estimate, read_result
+from pendubot_identification.results.result import estimate_of, read_result
 
 from .terminal import print_level, progress_bar
 
 
 def run_excite(args: argparse.Namespace) -> int:
     """Design or check an excitation, print its information, and write it."""
-    parameters, errors = (PAPER, None) if args.estimate is None else read_estimate(args.estimate)
+    parameters, errors = PAPER, None
     if args.estimate is not None:
-        print_level(read_result(args.estimate))
+        result = read_result(args.estimate)
+        print_level(result)
+        parameters, errors = estimate_of(result)
     if args.design and (args.torque is None or args.speed is None):
         raise UsageError(
             'a design needs the limits of the rig; add --torque [N m] and --speed [rad/s], and --angle for cables or '

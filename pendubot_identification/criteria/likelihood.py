@@ -274,7 +274,7 @@ class Likelihood:
 
     def widened(self, x: Array, levels: int) -> Array:
         """Return x for another number of levels; further levels have the values of the first one."""
-        before, noise = x[: self.noisy], x[self.noisy :]
+        before, noise = x[: self.before_noise], x[self.before_noise :]
         return np.append(before, noise if levels == self.levels else np.tile(noise[:4], levels))
 
     def extended(self, effects: Sequence[Effect], x: Array) -> tuple[Likelihood, Array]:
@@ -301,18 +301,18 @@ class Likelihood:
         return len(self.scale)
 
     @property
-    def noisy(self) -> int:
+    def before_noise(self) -> int:
         """The number of unknowns before the noise."""
         return len(self.scale) + 2 * len(self.filter_data.motions)
 
     def of_recording(self, number: int) -> Indices:
         """Return the indices of a recording's unknowns: all but the offsets of the others, shape (Q,)."""
-        others = np.arange(self.shared, self.noisy).reshape(-1, 2)
-        return np.delete(np.arange(self.noisy + 4 * self.levels), np.delete(others, number, axis=0).ravel())
+        offset, noise = self.shared + 2 * number, self.before_noise
+        return np.asarray(np.r_[: self.shared, offset : offset + 2, noise : noise + 4 * self.levels])
 
     def offsets(self, x: Array) -> Array:
         """Return the offsets of the positions in each recording [rad], shape (R, 2)."""
-        return x[self.shared : self.noisy].reshape(-1, 2)
+        return x[self.shared : self.before_noise].reshape(-1, 2)
 
     def _vectors(self, lanes: Array) -> tuple[Samples, Vectors, tuple[Term, ...]]:
         """Return the inputs of the filters for L vectors of unknowns, shape (P, L)."""
@@ -343,7 +343,7 @@ class Likelihood:
         vectors = Vectors(
             theta=lanes[:14],
             offset=offset - offset[:, :1],
-            noise=np.exp(2 * lanes[self.noisy :].reshape(self.levels, 4, count)),
+            noise=np.exp(2 * lanes[self.before_noise :].reshape(self.levels, 4, count)),
             width=width,
             coefficient=np.reshape(coefficients, (-1, count)),
             table=table.ravel(),
@@ -410,8 +410,8 @@ class Likelihood:
         shared = np.flatnonzero(self.estimated[: self.shared])
         steps = 1e-5 * np.concatenate([self.scale[shared], [0.01, 0.01], np.ones(4)])
         lanes = np.repeat(x[:, None], 1 + len(steps), axis=1)
-        offsets = np.arange(self.shared, self.noisy).reshape(-1, 2)
-        noise = np.arange(self.noisy, size).reshape(self.levels, 4)
+        offsets = np.arange(self.shared, self.before_noise).reshape(-1, 2)
+        noise = np.arange(self.before_noise, size).reshape(self.levels, 4)
         lanes[shared, 1 + np.arange(len(shared))] += steps[:-6]
         for k in range(2):
             lanes[offsets[:, k], k - 6] += steps[k - 6]
@@ -425,7 +425,7 @@ class Likelihood:
         to_s = w * (0.5 / s - (nu + 1) / 2 * e * e / (s * (nu * s + e * e)))
         ee, ss = w * ((nu + 1) / ((nu + 3) * s)), w * (nu / (2 * (nu + 3) * s * s))
         costs, count = self._costs(e, s), len(filter_data.owner)
-        own = self.shared + 2 + 4 * self.levels
+        own = len(self.of_recording(0))
         slopes, informations = np.zeros((count, size)), np.zeros((count, own, own))
         for each in filter_data.series:
             index = np.concatenate([shared, offsets[each.recording], noise[each.level]])
@@ -441,7 +441,7 @@ class Likelihood:
         for number in range(len(filter_data.motions)):
             index = self.of_recording(number)
             information[np.ix_(index, index)] += informations[filter_data.owner == number].sum(axis=0)
-        prior[self.shared : self.noisy] = 1 / filter_data.settings.offset**2
+        prior[self.shared : self.before_noise] = 1 / filter_data.settings.offset**2
         cost = float(costs.sum()) + self.prior(x)
         return Evaluation(
             costs,
@@ -497,7 +497,7 @@ def fit(
     lower, upper, estimated = likelihood.lower, likelihood.upper, likelihood.estimated
     x = repaired(np.clip(x, lower, upper))
     damping, gain, number, rejected = 1e-3, math.inf, 0, 0
-    reach = np.where(np.arange(len(x)) < likelihood.noisy, np.inf, 1.0)  # noise changes by a factor of e at most
+    reach = np.where(np.arange(len(x)) < likelihood.before_noise, np.inf, 1.0)  # noise changes by a factor of e at most
     now = likelihood.evaluate(x)
     if not np.isfinite(now.cost):
         raise FloatingPointError

@@ -231,7 +231,7 @@ def with_fitted_noise(
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
     known = np.concatenate([theta, np.zeros(GEARED - len(theta)), [delay], np.tile(offsets, len(motions))])
     like = _likelihood(data, _shortest(_stable_step(data, theta)), known[:GEARED])
-    lower, upper = (np.append(known, bound[like.noisy :]) for bound in (like.lower, like.upper))
+    lower, upper = (np.append(known, bound[like.before_noise :]) for bound in (like.lower, like.upper))
     try:
         return fit(replace(like, lower=lower, upper=upper), np.append(known, first_noise(data, like.filter_data)))
     except FloatingPointError as error:
@@ -359,7 +359,7 @@ def fit_intervals(data: TrainingData, rough: LikelihoodFit, progress: Progress) 
 
 def torque_noise(data: TrainingData, fitted: LikelihoodFit) -> Array:
     """Return the torque noise at each of K intervals over the limit of an exact rig, shape (K, 2)."""
-    noise = np.exp(fitted.x[fitted.likelihood.noisy :].reshape(-1, 4)[:, 2:])
+    noise = np.exp(fitted.x[fitted.likelihood.before_noise :].reshape(-1, 4)[:, 2:])
     return np.asarray(noise / math.sqrt(0.1) / (np.array(SETTINGS.quiet) * data.effort))
 
 
@@ -382,7 +382,7 @@ def fit_all_samples(
     if not nearly_exact(data, all_intervals):
         return None
     before, interval = all_intervals.likelihood, min(m.interval for m in data.motions)
-    at = before.noisy
+    at = before.before_noise
     off = abs(math.remainder(all_intervals.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(
         intervals=(interval / 2,),

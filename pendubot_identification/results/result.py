@@ -367,13 +367,8 @@ def read_complete_result(path: Path) -> Result:
     return structured(Result, _read(path), path)
 
 
-def read_estimate(path: Path) -> tuple[Parameters, Array | None]:
-    """Return the parameters of a result file, 0 if absent, and all standard errors, shape (D,); None if one is missing.
-
-    Raises:
-        ResultError: as :func:`read_result`.
-    """
-    result = read_result(path)
+def estimate_of(result: PartialResult) -> tuple[Parameters, Array | None]:
+    """Return the parameters of a result, 0 if absent, and all standard errors, shape (D,); None if one is missing."""
     names = NAMES[: len(result.theta.vector())]
     errors = [result.parameters[name].std_error if name in result.parameters else 0.0 for name in names]
     return result.theta, None if None in errors else np.array(errors, dtype=float)

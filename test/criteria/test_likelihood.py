@@ -85,7 +85,7 @@ def prepared():
 def test_slopes_agree_with_finite_differences_of_the_costs(prepared, effects, freedom):
     like, x = likelihood(prepared, 1.02 * TRUE + 0.01, effects, freedom=freedom, intervals=(0.05, 0.2))
     x[14] = 0.002
-    x[like.shared : like.noisy] = 0.001, -0.002, -0.003, 0.004
+    x[like.shared : like.before_noise] = 0.001, -0.002, -0.003, 0.004
     evaluation = like.evaluate(x)
     np.testing.assert_allclose(evaluation.costs, like.costs(x))
     steps = 1e-4 * np.concatenate([like.scale, np.full(4, 0.01), np.ones(4 * like.levels)])
@@ -110,7 +110,7 @@ def test_blocks_add_up_to_the_likelihood_of_the_recordings(prepared):
 
 def test_the_prior_penalises_the_offsets(prepared):
     like, x = likelihood(prepared, intervals=(0.2,))
-    x[like.shared : like.noisy] = 0.005, 0.0, 0.0, -0.01
+    x[like.shared : like.before_noise] = 0.005, 0.0, 0.0, -0.01
     found = like.evaluate(x)
     assert found.cost - found.costs.sum() == pytest.approx(0.5 * (1 + 4))
     prior = np.isin(np.arange(len(x)), (15, 16, 17, 18)) / 0.005**2
@@ -162,7 +162,7 @@ def test_the_intensity_of_white_torque_noise_is_estimated_at_each_interval():
         noisy.append(Motion.prepare(replace(simulated, tau=clean.tau), 0.05))
     like, x = likelihood(noisy)
     found = fit(like, x, iterations=60)
-    intensities = np.exp(found.x[like.noisy :].reshape(3, 4)[:, 2:])
+    intensities = np.exp(found.x[like.before_noise :].reshape(3, 4)[:, 2:])
     np.testing.assert_allclose(intensities, sigma, rtol=0.4)
 
 

@@ -22,8 +22,8 @@ from pendubot_identification.results.provenance import recordings, settings
 from pendubot_identification.results.result import (
     Parameter,
     PartialResult,
+    estimate_of,
     read_complete_result,
-    read_estimate,
     read_result,
     result_text,
 )
@@ -49,7 +49,7 @@ def test_parameters_of_a_missing_elbow_motor_are_not_in_the_model(tmp_path):
     assert 'k2' not in result.not_covered
     assert np.shape(result.covariance) == np.shape(result.criteria['weak'].correlation) == (13, 13)
     (tmp_path / 'result.yaml').write_text(result_text(result))
-    parameters, std_error = read_estimate(tmp_path / 'result.yaml')
+    parameters, std_error = estimate_of(read_result(tmp_path / 'result.yaml'))
     assert parameters.vector('geared').tolist() == identified(('weak',), 'geared').best.theta.tolist()
     assert std_error.tolist() == [*(entry.std_error for entry in result.parameters.values()), 0.0]
     assert made(('weak',), 'rotor').not_in_model == []
