@@ -25,6 +25,8 @@ Progress = Callable[[str, int, int, float], None]
 
 #: A run has found the minimum if its J exceeds the exact minimum by at most this fraction.
 REACHED = 1e-6
+#: Share of all other parts in the information along a direction, below which it comes from one part alone.
+NEGLIGIBLE = 1e-3
 #: Half-width of an interval, as a fraction of the value, above which the value is not reliable.
 WIDE = 0.5
 
@@ -57,7 +59,7 @@ class Zeros:
     """The zero errors of recordings: the recorded position minus the true one."""
 
     recordings: tuple[str, ...]  #: names of the recordings.
-    angles: Array  #: of both joints [rad], shape (2, R); NaN if they are not identifiable.
+    angles: Array  #: of both joints [rad], shape (2, R); NaN if they were not estimated.
     std_error: Array  #: [rad], shape (2, R).
 
 
@@ -160,6 +162,7 @@ def student_quantile(freedom: ArrayLike) -> Array:
 def influence_covariance(
     information: Array,
     slopes: Array,
+    informations: Array,
     owner: Indices,
     free: Flags,
     difference: Array,
@@ -168,15 +171,16 @@ def influence_covariance(
 ) -> tuple[Array, Array, Array, str]:
     """Return the covariance of the minimum of a composite criterion, by the influence of parts of the data.
 
-    The parts share data, so that the inverse curvature V understates the variance. The variance W by the influence
-    u = V g of each recording (infinitesimal jackknife) is shrunk towards c V, where c is the mean of W over V (Smyth
-    2004). A parameter in which recordings differ by more than in the others (F test) has its own variance. Blocks of
-    time take the place of recordings if there is one, or if the residual is at the quantization level.
+    The parts share data, so that the inverse curvature V understates the variance. The variance W by the influence of
+    each recording is shrunk towards c V, where c is the mean of W over V (Smyth 2004). A parameter in which recordings
+    differ by more than in the others (F test) has its own variance. Blocks of time take the place of recordings if
+    there is one, or if the residual is at the quantization level.
     ``docs/method.md`` has the formulas.
 
     Args:
         information: the inverse of V, for errors of unit variance, shape (D, D).
         slopes: g of each block of time at the minimum, shape (B, D).
+        informations: of each block of time, shape (B, D, D).
         owner: index of the recording of each block, shape (B,).
         free: which unknowns lie on no bound, shape (D,).
         difference: to the estimate of the shortest interval, shape (D,), which adds to the standard error: an
@@ -193,18 +197,18 @@ def influence_covariance(
     covariance, std_error, freedom = inverse, curvature, np.full(size, math.inf)
     words = 'curvature of the likelihood'
     if len(owner) > 1:
-        recordings = np.array([slopes[owner == k].sum(axis=0) for k in range(count)])
         by_block = exact or count == 1
-        parts = slopes if by_block else recordings
+        recordings = _summed(slopes, owner), _summed(informations, owner)
+        parts = (slopes, informations) if by_block else recordings
         # Blocks of one recording contain no information on differences between recordings.
-        n = 0.0 if count == 1 and not exact else len(parts) - 1.0
+        n = 0.0 if count == 1 and not exact else len(parts[0]) - 1.0
         words = f'influence of {len(owner)} blocks of time' if by_block else f'influence of {count} recordings'
-        spread = _spread(parts, inverse)
+        spread = _spread(*parts, inverse)
         total, known = float(np.trace(information @ spread)), max(int((curvature > 0).sum()), 1)
         covariance = (SETTINGS.prior * max(total / known, 1.0) * inverse + n * spread) / (SETTINGS.prior + n)
         variance, freedom = np.diag(covariance).copy(), np.full(size, SETTINGS.prior + n)
         if count > 1:
-            between = _spread(recordings, inverse)
+            between = _spread(*recordings, inverse)
             odd = _differ(np.diag(between), np.diag(spread), np.diag(inverse), total, n, count - 1)
             variance[odd] = np.maximum(np.diag(between)[odd], variance[odd])
             freedom[odd] = count - 1
@@ -242,23 +246,37 @@ def regression_covariance(
         theta: the estimate, shape (D,).
         free: which parameters lie on no bound, shape (D,).
     """
-    slopes, owner, information = list[Array](), list[int](), np.zeros((len(theta), len(theta)))
+    slopes, informations, owner = list[Array](), list[Array](), list[int]()
     errors = [r.phi @ theta - r.y for r in residuals]
     variance = max(float(np.mean(np.concatenate(errors) ** 2)), np.finfo(float).tiny)
     for number, (r, error) in enumerate(zip(residuals, errors, strict=True)):
         count = min(max(1, round(float(np.ptp(r.t)))), len(r.y))
         for rows in np.array_split(np.arange(len(r.y)), count):
             slopes.append(r.phi[rows].T @ error[rows] / variance)
+            informations.append(r.phi[rows].T @ r.phi[rows] / variance)
             owner.append(number)
-        information += r.phi.T @ r.phi / variance
-    none = np.zeros_like(theta)
-    return influence_covariance(information, np.array(slopes), np.array(owner), free, none, exact=False)
+    parts = np.array(slopes), np.array(informations), np.array(owner)
+    return influence_covariance(parts[1].sum(axis=0), *parts, free, np.zeros_like(theta), exact=False)
 
 
-def _spread(parts: Array, inverse: Array) -> Array:
-    """Return the covariance of the minimum by the influence of parts of the data, shape (D, D)."""
-    moves = (parts - parts.mean(axis=0)) @ inverse
-    return np.asarray(len(parts) / (len(parts) - 1) * moves.T @ moves)
+def _summed(blocks: Array, owner: Indices) -> Array:
+    """Return the sums of the blocks of each recording, shape (R, ...)."""
+    return np.array([blocks[owner == k].sum(axis=0) for k in range(int(owner.max()) + 1)])
+
+
+def _spread(slopes: Array, informations: Array, inverse: Array) -> Array:
+    """Return the covariance of the minimum by the influence of parts, without bias for few parts, shape (D, D).
+
+    At the minimum, the slope of a part with much information is too small (CR2: Bell and McCaffrey, Survey Methodology
+    28, 2002).
+    """
+    scale = np.sqrt(np.where(np.diag(inverse) > 0, np.diag(inverse), 1.0))
+    values, vectors = np.linalg.eigh(inverse / scale / scale[:, None])
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    share, axes = np.linalg.eigh(root.T @ informations @ root)
+    reduced = np.sqrt(np.maximum(1.0 - share, NEGLIGIBLE))
+    moves = np.einsum('mij,mj,mkj,mk->mi', axes, 1 / reduced, axes, slopes @ root) @ root.T
+    return np.asarray(moves.T @ moves)
 
 
 def _differ(by_recording: Array, spread: Array, inverse: Array, total: float, n: float, between: int) -> Flags:

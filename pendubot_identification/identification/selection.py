@@ -155,7 +155,8 @@ class Composite(Fits):
         apart = np.where(free & (self.exact is None), self.theta[:size] - self.rough.x[:size], 0.0)
         owner, measurements = self.filter_data.owner, self.filter_data.measurements
         covariance, std_error, freedom, words = influence_covariance(
-            information, self.slopes[:, :size], owner, free, apart, exact=self.exact is not None
+            *(information, self.slopes[:, :size], self.informations[:, :size, :size], owner, free, apart),
+            exact=self.exact is not None,
         )
         delay_error = math.nan
         if last.free[14]:
