@@ -11,8 +11,9 @@
     python -m benchmarks.estimator pushes [--seeds 2]      unmodelled friction and pushes by hand
 
 Errors are open-loop simulation errors over the standard deviations of the scored recordings' states (geometric mean
-over the fits). dP: |P_a - P_b| / mean of P1 to P5 between two disjoint halves. Inside: the number of these differences
-within the root sum of squares of both 95 % half-widths. Effects: the compensated effects of the result.
+over the fits); the zeros of a scored recording are estimated from it, with the parameters of the fit. dP: |P_a - P_b|
+/ mean of P1 to P5 between two disjoint halves. Inside: the number of these differences within the root sum of squares
+of both 95 % half-widths. Effects: the compensated effects of the result.
 """
 
 import os

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import Regression, energy_regression
@@ -220,20 +219,19 @@ def refit(data: TrainingData, near: LikelihoodFit, x: Array, progress: Progress)
     return _fit(like, x, progress)
 
 
-def with_fitted_noise(
-    motions: Sequence[Motion], theta: Array, delay: float, settings: Settings, offsets: ArrayLike = (0.0, 0.0)
-) -> LikelihoodFit:
-    """Return the fit of the shortest interval with given parameters and zeros: only the noise is fitted.
+def with_given_parameters(motions: Sequence[Motion], theta: Array, delay: float, settings: Settings) -> LikelihoodFit:
+    """Return the fit of the shortest interval with given parameters: only zeros and noise are fitted.
 
     Raises:
         TrajectoryError: no filter follows the motion.
     """
     data = TrainingData(tuple(motions), 0.0, 'zero', state_scale(motions), settings)
-    known = np.concatenate([theta, np.zeros(GEARED - len(theta)), [delay], np.tile(offsets, len(motions))])
+    known = np.concatenate([theta, np.zeros(GEARED - len(theta)), [delay]])
     like = _likelihood(data, _shortest(_stable_step(data, theta)), known[:GEARED])
-    lower, upper = (np.append(known, bound[like.before_noise :]) for bound in (like.lower, like.upper))
+    lower, upper = (np.append(known, bound[like.shared :]) for bound in (like.lower, like.upper))
+    x = np.concatenate([known, np.zeros(2 * len(motions)), first_noise(data, like.filter_data)])
     try:
-        return fit(replace(like, lower=lower, upper=upper), np.append(known, first_noise(data, like.filter_data)))
+        return fit(replace(like, lower=lower, upper=upper), x)
     except FloatingPointError as error:
         raise TrajectoryError(
             f'{motions[0].name}: no filter follows this motion with these parameters; choose another window'
@@ -251,7 +249,7 @@ def _likelihood(data: TrainingData, settings: LikelihoodSettings, theta: Array) 
     box = theta_box(data.settings, 'geared' if data.settings.model == 'auto' else data.settings.model)
     low, high = data.settings.delays
     noise, effort = np.log(filter_data.quantization) / 2, np.log(data.effort)
-    zeros = np.full(2 * len(data.motions), 0.1)
+    zeros = np.full(2 * len(data.motions), 10 * settings.offset)
     lower = np.concatenate([box.lower, [low], -zeros, noise, effort - 16])
     loudest = np.maximum(noise + 3, math.log(SETTINGS.noisiest))
     upper = np.concatenate([box.upper, [high], zeros, loudest, effort + 2])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from .estimate import Estimate, Progress
 from .fitting import TrainingData
 from .selection import fitted
 from .settings import Settings
-from .validation import assess, basis, folds, remaining_faults, remarks, require_excitation, stillness, validated
+from .validation import Followed, assess, basis, folds, open_faults, remarks, require_excitation, stillness, validated
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,23 +86,23 @@ def identify(
     report = progress or (lambda activity, done, total, best: None)
     report('preparing', 0, 0, math.nan)
     prepared, others = _prepared(training, validation, settings or Settings())
-    still = [*filter(None, map(stillness, others))]
     report('checking signs, zeros and stamps', 0, 0, math.nan)
     detected = detect_faults(prepared.excerpt().motions, prepared.settings)
     composite = fitted(prepared, detected, report) if 'likelihood' in prepared.settings.criteria else None
     data = prepared if composite is None else composite.data
-    faults = detected if composite is None else remaining_faults(detected, composite)
+    faults = detected if composite is None else open_faults(detected, composite)
 
     predicted = [Motion.prepare(motion, data.smoothing, data.hold) for motion in others if not stillness(motion)]
     left_out = [] if predicted else folds(data.motions)
     criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
-    answers = [validated(c, data, composite, left_out, predicted, report) for c in criteria]
     # Zeros of single recordings would compensate a common fault.
-    estimates = answers if sound(faults) else [replace(answer, zeros=None) for answer in answers]
+    followed = None if composite is None or not sound(faults) else Followed.of(predicted, composite)
+    zeros = None if followed is None else followed.zeros
+    estimates = [validated(c, data, composite, left_out, predicted, zeros, report) for c in criteria]
 
-    common, own = [*notes, *still], data_checks([*training, *validation])
+    common, own = [*notes, *filter(None, map(stillness, others))], data_checks([*training, *validation])
     if composite is not None:
-        own += remarks(composite, predicted, faults)
+        own += remarks(composite, followed, faults)
     published = estimates[-1]
     assessed = [assess(each, data.settings, faults, common) for each in estimates if each is not published]
     assessed.append(assess(published, data.settings, faults, [*common, *own]))

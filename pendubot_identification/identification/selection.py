@@ -181,7 +181,6 @@ class Composite(Fits):
             condition_number=scaled_condition_number(information, free),
             converged=last.converged,
             steps=self.steps,
-            zeros=recorded_zeros(self.rough),
             exact=self.exact is not None,
             absent=bounds.absent,
             fixed=bounds.fixed,
@@ -330,19 +329,13 @@ def _sized(found: Sequence[DetectedEffect], x: Array) -> tuple[DetectedEffect, .
     )
 
 
-def recorded_zeros(rough: LikelihoodFit) -> Zeros:
-    """Return the errors of each recording's zeros: one scoring step of the offsets alone."""
-    filter_data, blocks = rough.likelihood.filter_data, rough.evaluation
-    count = len(filter_data.motions)
-    angles, std_error = np.full((2, count), math.nan), np.full((2, count), math.nan)
-    for k in range(count):
-        first, selected = rough.likelihood.shared, filter_data.owner == k
-        offsets = first + np.array([2 * k, 2 * k + 1])
-        information = blocks.informations[selected, first : first + 2, first : first + 2].sum(axis=0)
-        if np.linalg.cond(information) > 1e12:
-            continue
-        inverse = np.linalg.inv(information)
-        moves = blocks.slopes[selected][:, offsets] @ inverse
-        angles[:, k] = rough.x[offsets] - moves.sum(axis=0)
+def recorded_zeros(fit: LikelihoodFit) -> Zeros:
+    """Return the errors of each recording's zeros; their variances by the information, and by the blocks' influence."""
+    filter_data, blocks, first = fit.likelihood.filter_data, fit.evaluation, fit.likelihood.shared
+    std_error = np.empty((2, len(filter_data.motions)))
+    for k in range(len(filter_data.motions)):
+        selected, offsets = filter_data.owner == k, slice(first + 2 * k, first + 2 * k + 2)
+        inverse = np.linalg.inv(blocks.information[offsets, offsets])
+        moves = blocks.slopes[selected, offsets] @ inverse
         std_error[:, k] = np.sqrt(np.diag(inverse) + len(moves) * moves.var(axis=0))
-    return Zeros(tuple(m.name for m in filter_data.motions), angles, std_error)
+    return Zeros(tuple(m.name for m in filter_data.motions), fit.likelihood.offsets(fit.x).T, std_error)

@@ -3,11 +3,13 @@
 
 """Validation and assessment: predictions of other data, checks of residuals, and the level with warnings and advice."""
 
+from __future__ import annotations
+
 import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import compress, pairwise
 
 import numpy as np
 from scipy.special import stdtr
@@ -22,17 +24,18 @@ from pendubot_identification.errors import ExcitationError, TrajectoryError
 from pendubot_identification.level import NORMAL_95, Level
 from pendubot_identification.model.parameters import LARGEST_COUPLING, MODELS, NAMES, UNITS, Bounds, Parameters
 from pendubot_identification.trajectories.conventions import JOINT_NAMES
+from pendubot_identification.trajectories.conversion import Affine
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import DELAYS
-from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression, sound
+from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
 from .effects import DetectedEffect, compensated
 from .estimate import Estimate, Progress, Zeros
 from .fitting import SETTINGS as FITTING
-from .fitting import TrainingData, estimate_linear, linear, torque_noise, unexplained, with_fitted_noise
-from .selection import Composite
+from .fitting import TrainingData, estimate_linear, linear, torque_noise, unexplained, with_given_parameters
+from .selection import Composite, recorded_zeros
 from .settings import Settings
 
 SEVEN = NAMES[: MODELS['viscous']]
@@ -118,6 +121,33 @@ def folds(motions: Sequence[Motion]) -> list[Fold]:
     return result
 
 
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """Recordings for validation alone, with the estimated parameters: only zeros and noise are fitted."""
+
+    answer: Composite  #: the estimate.
+    motions: Sequence[Motion]  #: the recordings that are long enough, without compensated effects.
+    fit: LikelihoodFit | None  #: None without such recordings, or if no filter follows them.
+    problem: str  #: why no filter follows them.
+    zeros: Zeros  #: of the training recordings, followed by all of these; NaN where they were not fitted.
+
+    @classmethod
+    def of(cls, motions: Sequence[Motion], answer: Composite) -> Followed:
+        """Fit the zeros and the noise of recordings."""
+        training, long = recorded_zeros(answer.rough), [m.end - m.start > FITTING.shortest for m in motions]
+        actual = [compensated(m, answer.effects, answer.delay) for m in compress(motions, long)]
+        values, fit, problem = np.full((2, 2, len(motions)), math.nan), None, ''
+        try:
+            if actual:
+                fit = with_given_parameters(actual, answer.theta, answer.delay, answer.data.settings)
+                values[:, :, long] = np.stack([recorded_zeros(fit).angles, recorded_zeros(fit).std_error])
+        except TrajectoryError as error:
+            problem = str(error)
+        angles, std_error = np.concatenate([[training.angles, training.std_error], values], axis=2)
+        zeros = Zeros((*training.recordings, *(m.name for m in motions)), angles, std_error)
+        return cls(answer, actual, fit, problem, zeros)
+
+
 def basis(validation: int, parts: int, recordings: int) -> str:
     """Return in words which data validate, by the numbers of validation recordings, folds and recordings."""
     if validation:
@@ -133,12 +163,18 @@ def validated(
     composite: Composite | None,
     left_out: Sequence[Fold],
     motions: Sequence[Motion],
+    zeros: Zeros | None,
     report: Progress,
 ) -> Estimate:
-    """Return the estimate of one criterion with its errors in predicting motions, and each fold from its rest."""
+    """Return the estimate of one criterion with its errors in predicting motions, and each fold from its rest.
+
+    Errors of the ``zeros`` are subtracted from the positions: they are of a recording, not of the rig.
+    """
+    off = np.zeros((len(data.motions) + len(motions), 2)) if zeros is None else np.nan_to_num(zeros.angles.T)
     effects: tuple[DetectedEffect, ...] = ()
     if criterion == 'likelihood' and composite is not None:
-        estimate, effects, filter_data = composite.estimate(), composite.effects, composite.filter_data
+        estimate = replace(composite.estimate(), zeros=zeros)
+        effects, filter_data = composite.effects, composite.filter_data
 
         def of_rest(fold: Fold) -> Array:
             start, end, times = fold.held_out.start, fold.held_out.end, filter_data.block_times
@@ -157,17 +193,18 @@ def validated(
 
     delay = estimate.effort.delay
 
-    def predicted(motion: Motion, theta: Array) -> Prediction:
-        return predict([compensated(motion, effects, delay)], theta, delay, data.scale)
+    def predicted(motion: Motion, theta: Array, zero: Array) -> Prediction:
+        return predict([compensated(motion, effects, delay).changed(Affine.of(c=-zero))], theta, delay, data.scale)
 
-    parts = [predicted(motion, estimate.theta) for motion in motions]
+    own = off[len(data.motions) :]
+    parts = [predicted(motion, estimate.theta, zero) for motion, zero in zip(motions, own, strict=True)]
     for fold in left_out:
         with contextlib.suppress(TrajectoryError):  # the rest is too short for a test function
-            parts.append(predicted(fold.held_out, of_rest(fold)))
+            parts.append(predicted(fold.held_out, of_rest(fold), off[fold.recording]))
     return replace(estimate, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
-def remaining_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ...]:
+def open_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ...]:
     """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option.
 
     Without both, a motion that is predictable over a short interval only is a further fault.
@@ -187,12 +224,12 @@ def remaining_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Faul
     return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
 
-def remarks(answer: Composite, validation: Sequence[Motion], faults: Sequence[Fault]) -> Iterator[str]:
+def remarks(answer: Composite, followed: Followed | None, faults: Sequence[Fault]) -> Iterator[str]:
     """Yield findings for the user, besides the faults of the recordings."""
     named = {fault.name for fault in faults}
     yield from (found.sentence for found in answer.effects if found.name not in named)
-    if sound(faults):
-        yield from _inconsistencies(answer, validation)
+    if followed is not None:
+        yield from _inconsistencies(followed)
         yield from () if answer.exact else disturbances(answer.rough)
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
@@ -202,26 +239,23 @@ def remarks(answer: Composite, validation: Sequence[Motion], faults: Sequence[Fa
         )
 
 
-def _inconsistencies(answer: Composite, motions: Sequence[Motion]) -> Iterator[str]:
+def _inconsistencies(followed: Followed) -> Iterator[str]:
     """Yield contradictions of all recordings, and disturbances or a poor fit of those for validation."""
+    answer, fit = followed.answer, followed.fit
     data, model, delay = answer.data, answer.model, answer.delay
     training = [compensated(m, answer.effects, delay) for m in data.excerpt().motions]
-    actual = [compensated(m, answer.effects, delay) for m in motions if m.end - m.start > FITTING.shortest]
-    found = list(contradictions([*training, *actual], model, delay, data.settings.box(model)))
-    try:
-        if actual:
-            problem = with_fitted_noise(actual, answer.theta, delay, data.settings, answer.offsets.mean(axis=0))
-            found += disturbances(problem)
-            # Quantization alone can look like torque noise.
-            worse = (torque_noise(data, problem) > 1) & (unexplained(problem.likelihood, problem.x) > FITTING.least)
-            if answer.exact and worse.any() and not found:
-                found.append(
-                    'the parameters do not explain the validation data to the quantization level, as they do the '
-                    'training data; check that all recordings are of one rig, with the same signs and zeros'
-                )
-    except TrajectoryError as error:
-        found.append(str(error))
+    found = list(contradictions([*training, *followed.motions], model, delay, data.settings.box(model)))
+    if fit is not None:
+        found += disturbances(fit)
+        # Quantization alone can look like torque noise.
+        worse = (torque_noise(data, fit) > 1) & (unexplained(fit.likelihood, fit.x) > FITTING.least)
+        if answer.exact and worse.any() and not found:
+            found.append(
+                'the parameters do not explain the validation data to the quantization level, as they do the '
+                'training data; check that all recordings are of one rig, with the same signs and zeros'
+            )
     yield from found
+    yield from filter(None, [followed.problem])
 
 
 def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:

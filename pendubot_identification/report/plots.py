@@ -27,7 +27,8 @@ from pendubot_identification.criteria.prediction_error import HORIZONS, LOST, ST
 from pendubot_identification.criteria.weak import WIDTH, weak_regression
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identification.effects import DetectedEffect, catalogue, compensated
-from pendubot_identification.identification.fitting import linear, with_fitted_noise
+from pendubot_identification.identification.fitting import linear, with_given_parameters
+from pendubot_identification.identification.validation import stillness
 from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import NAMES, UNITS
 from pendubot_identification.recordings.bag_reader import BagWindow
@@ -116,7 +117,7 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A result and its recordings, with smoothed states and without the compensated effects."""
+    """A result and its recordings, with smoothed states and without the compensated effects and errors of zeros."""
 
     result: Result
     recorded: Recordings  #: recordings, moved to follow each other in time; parts of one keep their distance.
@@ -138,7 +139,11 @@ class Prepared:
             for e in result.effects
             if e.accepted and (e.name, e.where) in known
         ]
-        acting = [compensated(motion, effects, delay) for motion in motions]
+        # A recording at rest validates nothing; energy and weak estimate no zeros.
+        known_zeros = iter(result.zeros)
+        zeros = [next(known_zeros, None) if k < size or not stillness(m) else None for k, m in enumerate(recorded)]
+        off = [np.radians([zero.q1 or 0.0, zero.q2 or 0.0]) if zero else np.zeros(2) for zero in zeros]
+        acting = [compensated(m, effects, delay).changed(Affine.of(c=-c)) for m, c in zip(motions, off, strict=True)]
         split = recorded[:size], recorded[size:]
         return cls(result, split, marks, motions[:size], acting[:size], acting[size:], state_scale(motions[:size]))
 
@@ -274,7 +279,7 @@ class Prepared:
         motions = self._motions(criterion)
         theta = theta_of(answer.parameters).vector(self.result.model)
         if criterion == 'likelihood':
-            fitted = with_fitted_noise(motions, theta, answer.effort.delay, asked)
+            fitted = with_given_parameters(motions, theta, answer.effort.delay, asked)
             filter_data, (e, s) = fitted.likelihood.filter_data, fitted.likelihood.innovations(fitted.x)
             times, z = ([values[g.rows] for g in filter_data.series] for values in (filter_data.t, e / np.sqrt(s)))
             return ('q1', 'q2'), 'standard deviations', 0.0, times, z
@@ -288,11 +293,7 @@ class Prepared:
 
     def _motions(self, criterion: str) -> Sequence[Motion]:
         """Return the training motions of a criterion: likelihood also estimates effects and zeros."""
-        if criterion != 'likelihood':
-            return self.uncompensated
-        zeros = [np.radians([zero.q1 or 0.0, zero.q2 or 0.0]) for zero in self.result.criteria[criterion].zeros]
-        zeros += [np.zeros(2)] * (len(self.estimating) - len(zeros))
-        return [m.changed(Affine.of(c=-zero)) for m, zero in zip(self.estimating, zeros, strict=False)]
+        return self.estimating if criterion == 'likelihood' else self.uncompensated
 
 
 def _recording(motion: Trajectory) -> str:

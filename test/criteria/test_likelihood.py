@@ -110,10 +110,10 @@ def test_blocks_add_up_to_the_likelihood_of_the_recordings(prepared):
 
 def test_the_prior_penalises_the_offsets(prepared):
     like, x = likelihood(prepared, intervals=(0.2,))
-    x[like.shared : like.before_noise] = 0.005, 0.0, 0.0, -0.01
+    x[like.shared : like.before_noise] = 0.05, 0.0, 0.0, -0.1
     found = like.evaluate(x)
     assert found.cost - found.costs.sum() == pytest.approx(0.5 * (1 + 4))
-    prior = np.isin(np.arange(len(x)), (15, 16, 17, 18)) / 0.005**2
+    prior = np.isin(np.arange(len(x)), (15, 16, 17, 18)) / 0.05**2
     np.testing.assert_allclose(found.slope - found.slopes.sum(axis=0), prior * x, atol=1e-6)
     np.testing.assert_allclose(np.diag(found.information) - information(like, found), prior, atol=1e-3)
 

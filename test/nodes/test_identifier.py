@@ -75,12 +75,13 @@ def test_an_identification_that_is_canceled_at_once_is_reported_as_canceled():
 
 
 @pytest.fixture(scope='module')
-def client(ros):
+def client(ros, bag):
     """A client of one identifier for all following tests."""
     with Program('identifier') as program, Client(ros) as client:
         program.wait_for('waiting: set the parameter bags')
         client.program = program
         yield client
+        assert client.set('/identifier', **USUAL, bags=[str(bag)]).successful
         client.begin()
         assert program.stop() == 0, 'a signal must cancel a running computation'
 
