@@ -92,7 +92,8 @@ def predictions(recording):
     found = identify(halves[:1], halves[1:])
     best = found.best
     training, validation = (Motion.prepare(half, found.smoothing, best.effort.hold) for half in halves)
-    simulations = Simulations.of([validation], best.theta, best.effort.delay, np.zeros(2), HORIZONS[:ASSESSED], STRIDE)
+    given = best.theta, best.effort.delay, best.zeros.angles[:, 1]
+    simulations = Simulations.of([validation], *given, HORIZONS[:ASSESSED], STRIDE)
     model = mujoco.MjModel.from_xml_string(mjcf(rig_of(Parameters.from_vector(best.theta))))
     return best.prediction.error[:ASSESSED], errors_in_mujoco(model, simulations, state_scale([training]), 2)
 

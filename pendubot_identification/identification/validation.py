@@ -483,8 +483,8 @@ def _wrong_zeros(zeros: Zeros | None) -> Iterator[str]:
     for joint, k in np.argwhere(np.abs(degrees) - NORMAL_95 * errors > SETTINGS.zero):
         yield (
             f"{zeros.recordings[k]}: q{joint + 1}'s zero is off by {degrees[joint, k]:.1f} +- "
-            f'{errors[joint, k]:.1g} degrees; subtract them, or let the links swing out before the zeros are set '
-            '(friction may have held one away from hanging) and record again'
+            f'{errors[joint, k]:.1g} degrees; the parameters allow for it, a controller does not: let the links swing '
+            'out before the zeros are set, because friction may have held one away from hanging'
         )
 
 
