@@ -26,7 +26,7 @@ from .estimate import Estimate, Progress
 from .fitting import TrainingData
 from .selection import fitted
 from .settings import Settings
-from .validation import Followed, assess, basis, folds, open_faults, remarks, require_excitation, stillness, validated
+from .validation import Validation, assess, basis, folds, open_faults, remarks, require_excitation, stillness, validated
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +96,13 @@ def identify(
     left_out = [] if predicted else folds(data.motions)
     criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
     # Zeros of single recordings would compensate a common fault.
-    followed = None if composite is None or not sound(faults) else Followed.of(predicted, composite)
-    zeros = None if followed is None else followed.zeros
+    validation_fit = None if composite is None or not sound(faults) else Validation.of(predicted, composite)
+    zeros = None if validation_fit is None else validation_fit.zeros
     estimates = [validated(c, data, composite, left_out, predicted, zeros, report) for c in criteria]
 
     common, own = [*notes, *filter(None, map(stillness, others))], data_checks([*training, *validation])
     if composite is not None:
-        own += remarks(composite, followed, faults)
+        own += remarks(composite, validation_fit, faults)
     published = estimates[-1]
     assessed = [assess(each, data.settings, faults, common) for each in estimates if each is not published]
     assessed.append(assess(published, data.settings, faults, [*common, *own]))

@@ -122,17 +122,17 @@ def folds(motions: Sequence[Motion]) -> list[Fold]:
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class Validation:
     """Recordings for validation alone, with the estimated parameters: only zeros and noise are fitted."""
 
     answer: Composite  #: the estimate.
     motions: Sequence[Motion]  #: the recordings that are long enough, without compensated effects.
     fit: LikelihoodFit | None  #: None without such recordings, or if no filter follows them.
     problem: str  #: why no filter follows them.
-    zeros: Zeros  #: of the training recordings, followed by all of these; NaN where they were not fitted.
+    zeros: Zeros  #: of the training recordings, then of all of these; NaN where they were not fitted.
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], answer: Composite) -> Followed:
+    def of(cls, motions: Sequence[Motion], answer: Composite) -> Validation:
         """Fit the zeros and the noise of recordings."""
         training, long = recorded_zeros(answer.rough), [m.end - m.start > FITTING.shortest for m in motions]
         actual = [compensated(m, answer.effects, answer.delay) for m in compress(motions, long)]
@@ -224,12 +224,12 @@ def open_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ..
     return tuple(fault for fault in mild if fault.name in {*named, 'offset'})
 
 
-def remarks(answer: Composite, followed: Followed | None, faults: Sequence[Fault]) -> Iterator[str]:
+def remarks(answer: Composite, validation: Validation | None, faults: Sequence[Fault]) -> Iterator[str]:
     """Yield findings for the user, besides the faults of the recordings."""
     named = {fault.name for fault in faults}
     yield from (found.sentence for found in answer.effects if found.name not in named)
-    if followed is not None:
-        yield from _inconsistencies(followed)
+    if validation is not None:
+        yield from _inconsistencies(validation)
         yield from () if answer.exact else disturbances(answer.rough)
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
@@ -239,12 +239,12 @@ def remarks(answer: Composite, followed: Followed | None, faults: Sequence[Fault
         )
 
 
-def _inconsistencies(followed: Followed) -> Iterator[str]:
+def _inconsistencies(validation: Validation) -> Iterator[str]:
     """Yield contradictions of all recordings, and disturbances or a poor fit of those for validation."""
-    answer, fit = followed.answer, followed.fit
+    answer, fit = validation.answer, validation.fit
     data, model, delay = answer.data, answer.model, answer.delay
     training = [compensated(m, answer.effects, delay) for m in data.excerpt().motions]
-    found = list(contradictions([*training, *followed.motions], model, delay, data.settings.box(model)))
+    found = list(contradictions([*training, *validation.motions], model, delay, data.settings.box(model)))
     if fit is not None:
         found += disturbances(fit)
         # Quantization alone can look like torque noise.
@@ -255,7 +255,7 @@ def _inconsistencies(followed: Followed) -> Iterator[str]:
                 'training data; check that all recordings are of one rig, with the same signs and zeros'
             )
     yield from found
-    yield from filter(None, [followed.problem])
+    yield from filter(None, [validation.problem])
 
 
 def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:
