@@ -216,16 +216,21 @@ def corrected_conversion(faults: Sequence[Fault]) -> Conversion | None:
     return next((f.corrected_conversion for f in reversed(faults) if f.corrected_conversion is not None), None)
 
 
-def sound(faults: Sequence[Fault]) -> bool:
-    """Return whether signs, order and zeros are right."""
-    return not any(f.level is Level.ERROR and f.name not in ('delay', 'motion', 'offset') for f in faults)
+def sound(faults: Sequence[Fault], zeros: Array | None = None) -> bool:
+    """Return whether signs, order and zeros are right, or ``zeros`` [rad], shape (R, 2), contain the wrong zero."""
+    severe = [f for f in faults if f.level is Level.ERROR and f.name not in ('delay', 'motion', 'offset')]
+    return all(zeros is not None and _is_zero(fault, zeros) for fault in severe)
 
 
-def agrees_with_exact_fit(fault: Fault, offsets: Array) -> bool:
-    """Return whether a fault is consistent with an exact fit and its zero errors [rad], shape (R, 2)."""
-    if fault.name == 'zero' and fault.change is not None:
-        return bool((np.abs(fault.change.c + offsets) < SETTINGS.zero).all())
-    return fault.name in ('unit', 'length', 'delay', 'counts')
+def _is_zero(fault: Fault, zeros: Array) -> bool:
+    """Return whether a fault is the common error of the zeros [rad], shape (R, 2)."""
+    change = fault.change if fault.name == 'zero' else None
+    return change is not None and bool((np.abs(change.c + zeros.mean(axis=0)) < SETTINGS.zero)[change.c != 0].all())
+
+
+def agrees_with_exact_fit(fault: Fault, zeros: Array) -> bool:
+    """Return whether a fault is consistent with an exact fit and its zeros [rad], shape (R, 2)."""
+    return _is_zero(fault, zeros) or fault.name in ('unit', 'length', 'delay', 'counts')
 
 
 def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tuple[float, float]:

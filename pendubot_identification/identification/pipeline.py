@@ -96,7 +96,8 @@ def identify(
     left_out = [] if predicted else folds(data.motions)
     criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
     # Zeros of single recordings would compensate a common fault.
-    validation_fit = None if composite is None or not sound(faults) else Validation.of(predicted, composite)
+    usable = composite is not None and sound(faults, composite.offsets)
+    validation_fit = Validation.of(predicted, composite) if composite is not None and usable else None
     zeros = None if validation_fit is None else validation_fit.zeros
     estimates = [validated(c, data, composite, left_out, predicted, zeros, report) for c in criteria]
 

@@ -389,8 +389,9 @@ def assess(
 
 
 def _severe(fault: Fault, estimate: Estimate) -> bool:
-    """Return whether a fault makes an estimate useless; a delay does not if the estimate compensates it."""
-    compensated = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < SETTINGS.delay
+    """Return whether a fault makes an estimate useless; a delay or a zero does not if the estimate compensates it."""
+    delayed = fault.delay is not None and abs(estimate.effort.delay - fault.delay) < SETTINGS.delay
+    compensated = delayed or (fault.name == 'zero' and estimate.zeros is not None)
     return fault.level is Level.ERROR and not compensated
 
 

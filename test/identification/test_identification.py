@@ -106,6 +106,18 @@ def test_every_recording_is_predicted_with_its_own_zeros():
     assert (result.estimates[0].prediction.error[:3] < 1.3 * right.estimates[0].prediction.error[:3]).all()
 
 
+def test_a_zero_that_is_wrong_in_all_recordings_is_allowed_for_by_likelihood_alone():
+    motions = [recording(600, seed=k) for k in (1, 2)]
+    wrong = [replace(m, q=m.q + np.radians([10, 0])) for m in motions]
+    energy, best = identify(wrong, settings=LIKELIHOOD).estimates
+    assert (energy.level, best.level) == (Level.ERROR, Level.WARN)
+    assert best.warnings[0].startswith("q1's zero is off by 10.0 +-")
+    np.testing.assert_allclose(best.theta, TRUTH, rtol=0.005)
+    np.testing.assert_allclose(
+        best.prediction.error, identify(motions, settings=LIKELIHOOD).best.prediction.error, 0.02
+    )
+
+
 @pytest.mark.parametrize(
     ('criteria', 'driven', 'absent'), [(('energy', 'weak', 'likelihood'), (1, 0), 'k2'), (('weak',), (0, 1), 'k1')]
 )
