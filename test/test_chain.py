@@ -21,44 +21,27 @@ from test.processes import Program, until
 pytestmark = pytest.mark.ros
 
 
-class Demo(Program):
-    """A demonstration whose programs can be paused, as on a busy computer."""
-
-    def __init__(self, folder):
-        self.folder = folder
-        super().__init__('pendubot', 'demo', '--output', folder)
-
-    def wait_for_log(self, name, text):
-        log = self.folder / f'{name}.log'
-        until(lambda: log.exists() and text in log.read_text(), 180.0, self)
-
-    def pause(self, seconds, program=''):
-        """Suspend a program, or all including the demo, and then let them run for as long."""
-        processes = [path for path in Path('/proc').iterdir() if path.name.isdecimal()]
-        mine = [path for path in processes if _group(path) == self.process.pid]
-        named = f'\0{program}\0' if program else ''
-        group = [int(path.name) for path in mine if named in (path / 'cmdline').read_text()]
-        assert group, f'{program} does not run'
-        for each in (signal.SIGSTOP, signal.SIGCONT):
-            for pid in group:
-                os.kill(pid, each)
-            time.sleep(seconds)
-
-
-def _group(process):
-    try:
-        return os.getpgid(int(process.name))
-    except ProcessLookupError:
-        return None
+def pause(demo, seconds, program=''):
+    """Suspend a program of the demo, or all including the demo, and then let them run for as long."""
+    pid = demo.process.pid
+    children = map(int, Path(f'/proc/{pid}/task/{pid}/children').read_text().split())
+    commands = {each: Path(f'/proc/{each}/cmdline').read_text() for each in (pid, *children)}
+    group = [each for each, command in commands.items() if not program or f'\0{program}\0' in command]
+    assert len(group) == (1 if program else 5), f'{program} does not run'
+    for number in (signal.SIGSTOP, signal.SIGCONT):
+        for each in group:
+            os.kill(each, number)
+        time.sleep(seconds)
 
 
 def test_the_demo_ends_with_a_table_of_all_criteria_and_the_true_values(tmp_path):
     """Each program pauses for as long as on a busy computer; the name of the folder has signs of YAML and shells."""
     folder = tmp_path / "it's #1: demo"
-    with Demo(folder) as demo:
-        demo.wait_for_log('exciter', 'exciting')
+    log = folder / 'exciter.log'
+    with Program('pendubot', 'demo', '--output', folder) as demo:
+        until(lambda: log.exists() and 'exciting' in log.read_text(), 180.0, demo)
         for program in ('virtual_board', 'bridge', 'exciter', 'recorder', ''):
-            demo.pause(0.5, program)
+            pause(demo, 0.5, program)
         assert demo.process.wait(240) == 0, demo.output
     domain = re.search(r'virtual rig in ROS domain (\d+),', demo.output)[1]
     assert domain not in ('0', os.environ['ROS_DOMAIN_ID'])
@@ -77,7 +60,3 @@ def test_the_demo_ends_with_a_table_of_all_criteria_and_the_true_values(tmp_path
     motion = read_trajectory(folder / 'paper_experiment').trajectory
     assert abs(motion.tau).max() > 0.5, 'the rig was excited'
     assert not motion.tau[:, 1].any(), 'a pendubot has no motor at the elbow'
-
-
-def test_a_demo_never_overwrites(tmp_path, refused):
-    assert 'exists already' in refused('demo', '--output', tmp_path)
