@@ -210,7 +210,7 @@ IDENTIFIED = {'criterion': '', 'model': 'auto', 'output': '', 'force': False, 'a
         ('rig', {'bridge': MINE}, 'bridge', MINE, {}),
         ('rig', {'bridge': MINE, 'virtual': 'true'}, 'bridge', MINE,
          {'port': '/tmp/pendubot', 'confirm_zeros': False}),
-        ('virtual', {'port': '/tmp/x'}, 'bridge', None, {'port': '/tmp/x', 'confirm_zeros': False}),
+        ('virtual', {'port': '/tmp/x', 'patient': 'true'}, 'bridge', None, {'port': '/tmp/x', 'confirm_zeros': False}),
         # The exciter requires a recorder.
         ('rig', {'amplitude': '0.5', 'duration': '10', 'seed': '3', 'arm': 'true'}, 'exciter', None,
          {'arm': True, 'recorded': True, **TRAIN}),
@@ -236,7 +236,8 @@ def test_arguments_take_precedence_over_the_parameter_file(
     expected = str(tmp_path / 'mine.yaml' if file else ROOT / 'config' / f'{program}.yaml')
     assert files_and_values(started[program]) == ([expected], values)
     if 'virtual_board' in started:
-        assert started['virtual_board'].arguments == ('--link', values['port'])
+        patient = ('--patient',) * (arguments.get('patient') == 'true')
+        assert started['virtual_board'].arguments == ('--link', values['port'], *patient)
 
 
 def test_the_view_describes_the_rig_and_starts_viewers_on_request(tmp_path):
@@ -309,8 +310,3 @@ def test_with_a_keystore_every_program_of_the_policy_starts_in_its_enclave(monke
             assert option == '--enclave'
             assert enclave in known
             assert enclave == f'/pendubot/{"viewer" if program in OTHERS else program}'
-
-
-def test_the_virtual_board_is_patient_on_request():
-    for options, words in (({}, ()), ({'patient': 'true'}, ('--patient',))):
-        assert launch('virtual', **options)['virtual_board'].arguments == ('--link', '/tmp/pendubot', *words)
