@@ -40,14 +40,6 @@ def evaluated(script):
     return {name: re.findall("'(.*?)'", value) or [*map(float, value.strip('[]').split())] for name, value in fields}
 
 
-def test_the_matlab_script_defines_a_struct_with_every_digit(result, theta):
-    struct = evaluated(written('m', result))
-    np.testing.assert_array_equal(struct['theta'], theta)
-    np.testing.assert_array_equal(np.ravel([struct[name] for name in struct['names']]), theta)
-    assert tuple(struct['names']) == NAMES[:7]
-    assert struct['std_error'] == [entry.std_error for entry in result.parameters.values()]
-
-
 @pytest.mark.ros
 def test_a_ros_node_of_any_name_loads_the_parameter_file(result, theta, tmp_path):
     import rclpy
@@ -96,13 +88,19 @@ def test_a_significant_delay_is_exported_to_mujoco_or_mentioned(result, delay, r
     assert (sentence in written('urdf', late)) == (remark != 'none')
 
 
-def test_omitted_parameters_are_0_and_the_order_is_that_of_theta():
+def test_every_digit_is_exported_omitted_parameters_are_0_and_the_order_is_that_of_theta():
     size, omitted = 14, {'Fs2', 'k2'}
-    theta = {name: 0.5 + k for k, name in enumerate(NAMES[:size])} | dict.fromkeys(omitted, 0.0)
-    given = {name: Parameter(value=value) for name, value in reversed(theta.items()) if name not in omitted}
+    theta = {name: 0.5 + k / 7 for k, name in enumerate(NAMES[:size])} | dict.fromkeys(omitted, 0.0)
+    given = {
+        name: Parameter(value=value, std_error=value / 300)
+        for name, value in reversed(theta.items())
+        if name not in omitted
+    }
     result = PartialResult(parameters=given)
     struct = evaluated(written('m', result))
     assert (struct['theta'], struct['names']) == (list(theta.values()), list(theta))
+    np.testing.assert_array_equal(np.ravel([struct[name] for name in theta]), list(theta.values()))
+    np.testing.assert_array_equal(struct['std_error'], [value / 300 or np.nan for value in theta.values()])
     assert yaml.safe_load(written('yaml', result))['/**']['ros__parameters'] == theta
     header = written('h', result)
     macros = dict(re.findall(r'#define PENDUBOT_(\w+) \((.*?)\)', header))

@@ -372,20 +372,17 @@ def test_invalid_settings_are_refused(changes, sentence):
         Settings(**changes)
 
 
-#: Published parameters of this rig, in the order of theta, from the README of the recordings.
-PUBLISHED = np.array([0.0596, 0.0505, 0.0320, 0.2298, 0.1600, 0.001, 0.001, 0.251, 0.188, 0.0026])
-
-
 @pytest.mark.recordings
 def test_a_real_rig_is_predicted_better_than_by_persistence_and_by_published_parameters():
     motions = [motion[motion.t < 4] for motion in recorded('dfki_C1_sysid', 'train')[:2]]
     result = identify(motions, motions[:1], Settings(model='rotor', hold='zero'))
     prepared = [Motion.prepare(m, result.smoothing, result.best.effort.hold) for m in motions]
-    scale = state_scale(prepared)
+    scale, published_theta = state_scale(prepared), C1.vector()
     own, published = (
-        predict(prepared, theta, result.best.effort.delay, scale).error[:3] for theta in (result.best.theta, PUBLISHED)
+        predict(prepared, theta, result.best.effort.delay, scale).error[:3]
+        for theta in (result.best.theta, published_theta)
     )
-    assert (own < predict(prepared, PUBLISHED, 0.0, scale).persistence[:3] / 2).all()
+    assert (own < predict(prepared, published_theta, 0.0, scale).persistence[:3] / 2).all()
     assert (own < 0.8 * published).all()
     assert not Parameters.from_vector(result.best.theta).unphysical()
     assert not result.best.exact

@@ -101,14 +101,6 @@ def test_invalid_bounds_are_refused_by_name(name, low, high, sentence):
         Bounds(np.zeros(6), np.ones(6))
 
 
-def test_parameters_on_a_bound_are_detected():
-    bounds, theta = default_bounds().of(7), PAPER.vector()
-    assert bounds.names == NAMES[:7]
-    assert not bounds.at_bound(theta).any()
-    theta[0], theta[5] = 1.0, 0.0
-    assert np.flatnonzero(bounds.at_bound(theta)).tolist() == [0, 5]
-
-
 @given(physical_parameters(), angles, velocities, st.floats(0.01, 1.0))
 def test_a_payload_adds_the_energy_of_a_point_mass_on_link_2(rig, q, v, payload):
     (q1, q2), (v1, v2) = q, v
