@@ -188,11 +188,12 @@ class _Criterion:
         duration = sum(m.end - m.start for m in motions)
         self._eps = settings.weight * duration / max(settings.horizons) / len(simulations.t)  # kappa eps
         self.scale, self.factor = np.ones((len(settings.horizons), 4)), np.ones(len(motions))
+        self._latest: tuple[Array, tuple[Array, Array]] | None = None
 
     def rescale(self, theta: Array) -> None:
         """Estimate the scales of the errors at theta."""
         settings, number, count = self._settings, self._simulations.recording, len(self.factor)
-        r, simulations = self._simulations.errors(theta)[0], np.bincount(number, minlength=count)
+        r, simulations = self._errors(theta)[0], np.bincount(number, minlength=count)
         independent = simulations * self._eps / settings.weight
         self.factor = np.ones(count)
         for _ in range(settings.alternations):
@@ -201,8 +202,14 @@ class _Criterion:
             mean = np.bincount(number, z, minlength=count) / np.maximum(simulations, 1)
             self.factor = np.sqrt((independent * mean + settings.shrinkage) / (independent + settings.shrinkage))
 
+    def _errors(self, theta: Array) -> tuple[Array, Array]:
+        """Return the errors and states of all simulations, see :meth:`Simulations.errors`, once per theta."""
+        if self._latest is None or (self._latest[0] != theta).any():
+            self._latest = theta, self._simulations.errors(theta)
+        return self._latest[1]
+
     def _scaled(self, theta: Array) -> tuple[Array, Array]:
-        r, states = self._simulations.errors(theta)
+        r, states = self._errors(theta)
         return r / self.scale[:, :, None] / self.factor[self._simulations.recording], states
 
     def value(self, theta: Array) -> float:
