@@ -78,7 +78,7 @@ def test_current_parameters_are_published_of_one_rig_and_unless_they_are_held(ri
         second = stranger.create_publisher(JointState, '/lab1/joint_states', 10)
         tracker.wait_for(rivals)
         for topic in (rig.quality, rig.statuses):
-            rig.until(lambda topic=topic: topic[-1].level == ERROR and rivals in topic[-1].message)
+            rig.until(lambda topic=topic: topic and topic[-1].level == ERROR and rivals in topic[-1].message)
         # No sample of either publisher is used; without the second one the tracking restarts.
         rig.params.clear()
         taken = values(rig.statuses[-1])['samples']
