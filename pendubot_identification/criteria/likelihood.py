@@ -48,8 +48,8 @@ class LikelihoodSettings:
     intervals: tuple[float, ...] = (0.05, 0.1, 0.2)
     step: float = 0.005  #: longest Runge-Kutta step [s].
     freedom: float = 12.0  #: nu, degrees of freedom of the innovations; 1e9: Gaussian.
-    #: standard deviation of the zeros of both positions in a recording [rad]: dry friction holds a link beside hanging,
-    #: by up to Fc over its largest gravity torque, 0.03 to 0.1 rad on small rigs.
+    #: standard deviation of the zeros of both positions in a recording [rad]: dry friction holds a link away from
+    #: hanging, by up to Fc over its largest gravity torque, 0.03 to 0.1 rad on small rigs.
     offset: float = 0.05
     #: a sample has no weight if both joints move by at most this number of encoder steps: at rest neither torque noise
     #: nor quantization is white.

@@ -96,8 +96,8 @@ def identify(
     left_out = [] if predicted else folds(data.motions)
     criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
     # Zeros of single recordings would compensate a common fault.
-    usable = composite is not None and sound(faults, composite.offsets)
-    validation_fit = Validation.of(predicted, composite) if composite is not None and usable else None
+    known = composite is not None and sound(faults, composite.offsets)
+    validation_fit = Validation.of(predicted, composite) if composite is not None and known else None
     zeros = None if validation_fit is None else validation_fit.zeros
     estimates = [validated(c, data, composite, left_out, predicted, zeros, report) for c in criteria]
 

@@ -223,7 +223,7 @@ def fitted(data: TrainingData, faults: Sequence[Fault], progress: Progress) -> C
     """
     progress('weak: rough parameters', 0, 0, math.nan)
     try:
-        return fit_composite(data, progress, effects=data.settings.compensate and sound(faults))
+        return fit_composite(data, progress, faults, effects=data.settings.compensate)
     except TrajectoryError as error:
         if not faults:
             raise
@@ -232,12 +232,14 @@ def fitted(data: TrainingData, faults: Sequence[Fault], progress: Progress) -> C
         raise TrajectoryError('; '.join(fault.sentence for fault in faults), **words) from error
 
 
-def fit_composite(data: TrainingData, progress: Progress, *, effects: bool = True) -> Composite:
+def fit_composite(
+    data: TrainingData, progress: Progress, faults: Sequence[Fault] = (), *, effects: bool = True
+) -> Composite:
     """Estimate parameters by the composite likelihood and the last step."""
     part = data.excerpt()
     part, begin = _best_hold(part, first_fit(part, progress), progress)
     fits, found = [Fits.of(part, begin, progress)], list[DetectedEffect]()
-    if effects:
+    if effects and sound(faults, begin.likelihood.offsets(begin.x)):
         progress('searching for unmodelled effects', 0, 0, math.nan)
         found = _with_effects(fits, data.searched, progress)
     best, found = _completed(data, fits, found, progress)

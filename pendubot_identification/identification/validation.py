@@ -9,7 +9,7 @@ import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress, pairwise
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import stdtr
@@ -123,29 +123,35 @@ def folds(motions: Sequence[Motion]) -> list[Fold]:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Recordings for validation alone, with the estimated parameters: only zeros and noise are fitted."""
+    """Recordings for validation alone, each fitted with the estimated parameters: only zeros and noise are free."""
 
-    answer: Composite  #: the estimate.
     motions: Sequence[Motion]  #: the recordings that are long enough, without compensated effects.
-    fit: LikelihoodFit | None  #: None without such recordings, or if no filter follows them.
-    problem: str  #: why no filter follows them.
+    fits: Sequence[LikelihoodFit]  #: of those that a filter follows.
+    problems: Sequence[str]  #: why no filter follows the others.
     zeros: Zeros  #: of the training recordings, then of all of these; NaN where they were not fitted.
 
     @classmethod
     def of(cls, motions: Sequence[Motion], answer: Composite) -> Validation:
         """Fit the zeros and the noise of recordings."""
-        training, long = recorded_zeros(answer.rough), [m.end - m.start > FITTING.shortest for m in motions]
-        actual = [compensated(m, answer.effects, answer.delay) for m in compress(motions, long)]
-        values, fit, problem = np.full((2, 2, len(motions)), math.nan), None, ''
-        try:
-            if actual:
-                fit = with_given_parameters(actual, answer.theta, answer.delay, answer.data.settings)
-                values[:, :, long] = np.stack([recorded_zeros(fit).angles, recorded_zeros(fit).std_error])
-        except TrajectoryError as error:
-            problem = str(error)
-        angles, std_error = np.concatenate([[training.angles, training.std_error], values], axis=2)
-        zeros = Zeros((*training.recordings, *(m.name for m in motions)), angles, std_error)
-        return cls(answer, actual, fit, problem, zeros)
+        parts, actual, fits, problems = (
+            [recorded_zeros(answer.rough)],
+            list[Motion](),
+            list[LikelihoodFit](),
+            list[str](),
+        )
+        for motion in motions:
+            zeros = Zeros((motion.name,), np.full((2, 1), math.nan), np.full((2, 1), math.nan))
+            if motion.end - motion.start > FITTING.shortest:
+                actual.append(compensated(motion, answer.effects, answer.delay))
+                try:
+                    fits.append(with_given_parameters(actual[-1:], answer.theta, answer.delay, answer.data.settings))
+                    zeros = recorded_zeros(fits[-1])
+                except TrajectoryError as error:
+                    problems.append(str(error))
+            parts.append(zeros)
+        names = tuple(name for part in parts for name in part.recordings)
+        angles, std_error = (np.hstack([getattr(part, of) for part in parts]) for of in ('angles', 'std_error'))
+        return cls(actual, fits, problems, Zeros(names, angles, std_error))
 
 
 def basis(validation: int, parts: int, recordings: int) -> str:
@@ -168,7 +174,7 @@ def validated(
 ) -> Estimate:
     """Return the estimate of one criterion with its errors in predicting motions, and each fold from its rest.
 
-    Errors of the ``zeros`` are subtracted from the positions: they are of a recording, not of the rig.
+    The ``zeros`` are subtracted from the positions: a zero belongs to a recording, not to the rig.
     """
     off = np.zeros((len(data.motions) + len(motions), 2)) if zeros is None else np.nan_to_num(zeros.angles.T)
     effects: tuple[DetectedEffect, ...] = ()
@@ -229,7 +235,7 @@ def remarks(answer: Composite, validation: Validation | None, faults: Sequence[F
     named = {fault.name for fault in faults}
     yield from (found.sentence for found in answer.effects if found.name not in named)
     if validation is not None:
-        yield from _inconsistencies(validation)
+        yield from _inconsistencies(answer, validation)
         yield from () if answer.exact else disturbances(answer.rough)
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
@@ -239,23 +245,23 @@ def remarks(answer: Composite, validation: Validation | None, faults: Sequence[F
         )
 
 
-def _inconsistencies(validation: Validation) -> Iterator[str]:
+def _inconsistencies(answer: Composite, validation: Validation) -> Iterator[str]:
     """Yield contradictions of all recordings, and disturbances or a poor fit of those for validation."""
-    answer, fit = validation.answer, validation.fit
     data, model, delay = answer.data, answer.model, answer.delay
     training = [compensated(m, answer.effects, delay) for m in data.excerpt().motions]
     found = list(contradictions([*training, *validation.motions], model, delay, data.settings.box(model)))
-    if fit is not None:
-        found += disturbances(fit)
-        # Quantization alone can look like torque noise.
-        worse = (torque_noise(data, fit) > 1) & (unexplained(fit.likelihood, fit.x) > FITTING.least)
-        if answer.exact and worse.any() and not found:
-            found.append(
-                'the parameters do not explain the validation data to the quantization level, as they do the '
-                'training data; check that all recordings are of one rig, with the same signs and zeros'
-            )
-    yield from found
-    yield from filter(None, [validation.problem])
+    found += [sentence for fit in validation.fits for sentence in disturbances(fit)]
+    # Quantization alone can look like torque noise.
+    worse = any(
+        ((torque_noise(data, fit) > 1) & (unexplained(fit.likelihood, fit.x) > FITTING.least)).any()
+        for fit in validation.fits
+    )
+    if answer.exact and worse and not found:
+        found.append(
+            'the parameters do not explain the validation data to the quantization level, as they do the training '
+            'data; check that all recordings are of one rig, with the same signs'
+        )
+    yield from (*found, *validation.problems)
 
 
 def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:
@@ -374,8 +380,9 @@ def assess(
     if 'delay' not in named:
         # The default interval covers all plausible delays; a narrower one is the choice of the user.
         (errors if settings.delays == DELAYS else reservations).extend(_delay_at_end(estimate, settings))
-    if 'zero' not in named:
-        reservations += _wrong_zeros(estimate.zeros)
+    common = next((fault.change for fault in faults if fault.name == 'zero'), Affine.of())
+    if common is not None:
+        reservations += _wrong_zeros(estimate.zeros, -common.c)
     if 'unit' not in named:
         reservations += _wrong_mass(estimate, settings.link_mass)
     warnings = [*severe, *mild, *notes] if severe else [*errors, *mild, *notes, *reservations]
@@ -477,15 +484,17 @@ def _delay_at_end(e: Estimate, settings: Settings) -> Iterator[str]:
         )
 
 
-def _wrong_zeros(zeros: Zeros | None) -> Iterator[str]:
+def _wrong_zeros(zeros: Zeros | None, common: Array) -> Iterator[str]:
+    """Yield the zeros that differ from the reported error of all recordings [rad], shape (2,)."""
     if zeros is None:
         return
     degrees, errors = np.degrees(zeros.angles), np.degrees(zeros.std_error)
-    for joint, k in np.argwhere(np.abs(degrees) - NORMAL_95 * errors > SETTINGS.zero):
+    beyond = np.abs(degrees - np.degrees(common)[:, None]) - NORMAL_95 * errors
+    for joint, k in np.argwhere(beyond > SETTINGS.zero):
         yield (
             f"{zeros.recordings[k]}: q{joint + 1}'s zero is off by {degrees[joint, k]:.1f} +- "
-            f'{errors[joint, k]:.1g} degrees; the parameters allow for it, a controller does not: let the links swing '
-            'out before the zeros are set, because friction may have held one away from hanging'
+            f'{errors[joint, k]:.1g} degrees: compensated here, not in a controller; let the links swing out before '
+            'the zeros are set, because friction may have held one away from hanging'
         )
 
 
