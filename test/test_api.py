@@ -5,6 +5,7 @@
 
 import ast
 import inspect
+import runpy
 import sys
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -174,6 +175,10 @@ def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
     path = found.export(tmp_path / 'rig.urdf', link_length=0.03, torque_limit=1.0, revolute=True)
     assert path.read_text() == export(found.result, 'urdf', 0.03, 1.0, revolute=True)[0]
     assert 'mujoco' in RIG.export(str(tmp_path / 'rig.xml')).read_text()
+    numbers = runpy.run_path(str(RIG.export(tmp_path / 'rig.py')))['THETA']
+    assert repr(numbers) == repr(tuple(RIG.theta.tolist()))
+    for suffix, line in (('h', 'PENDUBOT_P1 (0.0148)'), ('m', 'pendubot.P1 = 0.0148;'), ('yaml', 'P1: 0.0148')):
+        assert line in RIG.export(tmp_path / f'rig.{suffix}').read_text()
     with pytest.raises(PendubotError, match=r'rig.urdf exists already .* overwrite=True'):
         found.export(path)
     with pytest.raises(PendubotError, match=r'rig.usd has no suffix that names a format; .urdf, '):
@@ -293,6 +298,7 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: identify(SAMPLE, start=[5]), 'start is of type list; a result file or a Pendubot, such as found.pend'),
         (lambda: describe(read(SAMPLE)), 'Trajectory was given; the name of a bag or file is expected'),
         (lambda: compare([]), "results of identify.. by their names are expected, such as {'first': found}"),
+        (lambda: compare({'rig': RIG}), 'results of identify.. by their names are expected'),
         (lambda: simulate(RIG, TIMES, ['a', 'b', 'c']), 'tau cannot be read: could not convert string'),
         (lambda: identify(t=[0.0, 1.0], q=[[0.0, 0.0], [0.0]], tau=0.0), 'q cannot be read: .*; numbers are expected'),
         (lambda: simulate(RIG, [0, 0.1, np.nan], 0.0), 'a stamp is not a finite number'),
@@ -300,6 +306,10 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: simulate(RIG, TIMES, 0.0, (np.nan, 0)), 'a q that is not a number'),
         (lambda: simulate(RIG, TIMES, 0.0, (1,)), r'shape \(3, 1\); \(3, 2\) is expected'),
         (lambda: read({'t': [0.0]}), 'dict was given; only names of bags or files, or only DataFrames'),
+        (
+            lambda: read(pytest.importorskip('pandas').Series([0.0])),
+            'Series was given; only names of bags or files, or',
+        ),
         (lambda: read(SAMPLE, negate='q9'), "negate: there is no quantity 'q9'"),
         (lambda: identify(SAMPLE, read(SAMPLE)), 'PosixPath was given; only names of bags or files, or only'),
         (lambda: identify([SAMPLE, SAMPLE]), 'list was given; .*, each an argument of its own, or t, q and tau are'),

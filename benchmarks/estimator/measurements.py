@@ -9,12 +9,9 @@ import numpy as np
 
 from pendubot_identification.criteria.prediction_error import predict, state_scale
 from pendubot_identification.errors import PendubotError
-from pendubot_identification.identification.fitting import with_given_parameters
 from pendubot_identification.identification.pipeline import identify
-from pendubot_identification.identification.selection import recorded_zeros
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.model.parameters import NAMES
-from pendubot_identification.trajectories.conversion import Affine
 from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.signals import choose_smoothing
 from pendubot_identification.trajectories.trajectory import Trajectory
@@ -39,7 +36,7 @@ def fit(training, *, truth=None, scored=(), bare=False, **key):
     compensation, for its error. ``key``: entries that identify the outcome.
     """
     try:
-        found = identify(training)
+        found = identify(training, scored)
     except PendubotError:
         return key | {'level': 'refused', 'effects': []}
     best, accepted = found.best, [effect.name for effect in found.effects if effect.accepted]
@@ -53,10 +50,9 @@ def fit(training, *, truth=None, scored=(), bare=False, **key):
             result['bare'] = errors(identify(training, (), Settings(compensate=False)).best.theta, truth)
     if scored:
         motions = [Motion.prepare(each, choose_smoothing(scored), best.effort.hold) for each in scored]
-        given, scale = (best.theta, best.effort.delay), state_scale(motions)
-        zeros = recorded_zeros(with_given_parameters(motions, *given, Settings())).angles.T
-        centred = [m.changed(Affine.of(c=-zero)) for m, zero in zip(motions, zeros, strict=True)]
-        predicted = [predict([m], *given, scale) for m in centred]
+        given = best.theta, best.effort.delay, state_scale(motions)
+        zeros = best.zeros.angles.T[len(training) :]
+        predicted = [predict([m], *given, zero) for m, zero in zip(motions, zeros, strict=True)]
         result['prediction'] = np.sqrt(np.mean([p.error[:HORIZONS] ** 2 for p in predicted], axis=0))
     return result
 

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.errors import TrajectoryError
@@ -297,7 +297,9 @@ class Prediction:
         return cls(mean([p.errors for p in parts]), mean([p.still for p in parts]), starts.sum(axis=0))
 
 
-def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array) -> Prediction:
+def predict(
+    motions: Sequence[Motion], theta: Array, delay: float, scale: Array, offset: ArrayLike = (0.0, 0.0)
+) -> Prediction:
     """Simulate every motion from its smoothed state on, with its torque, every 50 ms.
 
     Args:
@@ -305,6 +307,7 @@ def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array)
         theta: shape (D,).
         delay: of the effort [s].
         scale: the states' standard deviations, shape (4,).
+        offset: of all positions [rad], shape (2,).
     """
     result = Prediction.none()
     longest = np.array([m.end - m.start - abs(delay) for m in motions])
@@ -312,7 +315,7 @@ def predict(motions: Sequence[Motion], theta: Array, delay: float, scale: Array)
         long = [m for m, length in zip(motions, longest, strict=True) if length >= horizon + m.interval]
         if not long:
             continue
-        simulations = Simulations.of(long, theta, delay, np.zeros(2), (horizon,), STRIDE)
+        simulations = Simulations.of(long, theta, delay, np.asarray(offset), (horizon,), STRIDE)
         with np.errstate(all='ignore'):
             off = simulations.errors(theta)[0][0] / scale[:, None]
         off = np.where(np.isfinite(off), np.clip(off, -LOST, LOST), LOST)

@@ -96,14 +96,13 @@ def identify(
     left_out = [] if predicted else folds(data.motions)
     criteria = [c for c in CRITERIA if c in data.settings.criteria or c == 'energy']
     # Zeros of single recordings would compensate a common fault.
-    known = composite is not None and sound(faults, composite.offsets)
-    validation_fit = Validation.of(predicted, composite) if composite is not None and known else None
-    zeros = None if validation_fit is None else validation_fit.zeros
+    fits = Validation.of(predicted, composite) if composite and sound(faults, composite.offsets) else None
+    zeros = None if fits is None else fits.zeros
     estimates = [validated(c, data, composite, left_out, predicted, zeros, report) for c in criteria]
 
     common, own = [*notes, *filter(None, map(stillness, others))], data_checks([*training, *validation])
     if composite is not None:
-        own += remarks(composite, validation_fit, faults)
+        own += remarks(composite, fits, faults)
     published = estimates[-1]
     assessed = [assess(each, data.settings, faults, common) for each in estimates if each is not published]
     assessed.append(assess(published, data.settings, faults, [*common, *own]))

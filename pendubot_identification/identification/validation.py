@@ -200,7 +200,7 @@ def validated(
     delay = estimate.effort.delay
 
     def predicted(motion: Motion, theta: Array, zero: Array) -> Prediction:
-        return predict([compensated(motion, effects, delay).changed(Affine.of(c=-zero))], theta, delay, data.scale)
+        return predict([compensated(motion, effects, delay)], theta, delay, data.scale, zero)
 
     own = off[len(data.motions) :]
     parts = [predicted(motion, estimate.theta, zero) for motion, zero in zip(motions, own, strict=True)]

@@ -32,7 +32,20 @@ def elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize('rig', [PAPER, GEARED])
+def test_a_CSV_file_becomes_a_bag_and_force_replaces_one(run, tmp_path):
+    rows = [f'{0.01 * k:.2f},{k},{90 + k},{k / 2}' for k in range(101)]
+    (tmp_path / 'run.csv').write_text('\n'.join(['time,a,b,u', *rows]))
+    assert run('simulate', '--output', 'bag', '--samples', '50')[0] == 0
+    options = ('--columns', 't=time,q1=a,q2=b,tau1=u', '--degrees', '--zero', 'hanging', '--elbow', 'absolute')
+    status, out, err = run('import', 'run.csv', '--output', 'bag', *options, '--force')
+    assert (status, out.splitlines()[0], err) == (0, 'bag: 101 samples, 1.000 s, 100.0 Hz', '')
+    trajectory = read_trajectory(tmp_path / 'bag').trajectory
+    np.testing.assert_allclose(trajectory.q[10], np.deg2rad([10 - 90, 90]))
+    np.testing.assert_array_equal(trajectory.tau[10], [5, 0])
+    assert trajectory.qd is None
+
+
+@pytest.mark.parametrize('rig', [PAPER, replace(PAPER, Fc1=0.004), GEARED])
 def test_simulate_uses_the_papers_rig_or_the_parameters_of_a_result(run, tmp_path, rig):
     """A file written by hand may omit zero parameters."""
     values = {name: {'value': value} for name, value in asdict(rig).items() if value}

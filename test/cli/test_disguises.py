@@ -95,19 +95,21 @@ def test_a_result_serves_as_settings_file_for_its_recordings(lab, run, identifie
     assert found['reading']['zero'] == 'hanging'
     assert run('report', 'lab.yaml')[2] == '', 'the report must be complete'
     assert run('compare', 'lab.yaml', 'lab_report/result.yaml', '--on', 'run.csv', *same)[0] == 0
-    status, out, err = run('import', 'run.csv', '--output', 'bag', *same)
-    assert (status, out.splitlines()[0], err) == (0, 'bag: 900 samples, 8.990 s, 100.0 Hz', '')
+    assert run('import', 'run.csv', '--output', 'bag', *same)[0] == 0
     # Options also apply to bags, and are added to saved settings.
     _, of_bag = identified('bag', '--negate', 'q2')
     _, of_table = identified('run.csv', *same, '--negate=q2')
     np.testing.assert_allclose(of_bag, of_table, rtol=1e-6)
 
 
-def test_info_shows_columns_rate_and_conversion_of_a_file(lab, run, tmp_path):
-    """An empty option in a settings file has its default."""
+def test_an_empty_option_in_a_settings_file_has_its_default(lab, run, tmp_path):
     (tmp_path / 'empty.yaml').write_text('degrees: true\nsheet:\noffset:\n')
     found = json.loads(run('info', 'run.csv', *COLUMNS, '--settings', 'empty.yaml', '--json')[1])
     assert found['read_with'] == ['--columns t=time,q1=a,q2=b,tau1=u', '--degrees']
+
+
+def test_info_shows_columns_rate_and_conversion_of_a_file(lab, run):
+    found = json.loads(run('info', 'run.csv', *COLUMNS, '--json')[1])
     assert found['columns'] == {'t': 'time', 'q1': 'a', 'q2': 'b', 'tau1': 'u'}
     assert (found['samples'], round(found['rate'], 1), found['gaps']) == (900, 100.0, 0)
     text = run('info', 'run.csv', *COLUMNS, '--degrees')[1]

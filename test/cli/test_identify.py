@@ -45,17 +45,17 @@ def test_by_default_the_likelihood_is_selected_and_the_papers_estimate_is_kept(r
 
 
 def test_options_come_from_the_line_and_a_settings_file_and_json_prints_the_result_alone(run, inputs, tmp_path):
-    """The line takes precedence; names may have _ or -, values any YAML type; an interval is no number of base 60."""
+    """The line takes precedence; the file may have names with _ or - and values of any YAML type."""
     lab = {'hold': 'zero', 'smoothing': 0.03, 'runs': 3, 'generations': '400', 'per-vector': True, 'sliding': 0.3}
-    (tmp_path / 'lab.yaml').write_text(yaml.safe_dump(lab) + 'delay: 0:0.02\n')
-    options = {'criterion': 'weak,energy', 'hold': 'linear', 'link-length': 0.3, 'seed': 4}
+    (tmp_path / 'lab.yaml').write_text(yaml.safe_dump(lab))
+    options = {'criterion': 'weak,energy', 'hold': 'linear', 'delay': '-0.02:0.004', 'link-length': 0.3, 'seed': 4}
     options |= {'link-mass': 0.3, 'model': 'viscous', 'settings': tmp_path / 'lab.yaml'}
     words = [f'--{name}={value}' for name, value in options.items()]
     command = ('identify', inputs / 'swing', *words, '--bounds', 'P1=0:0.5', '--bounds=P2=0:0.25', '--json')
     status, out, err = run(*command)
     assert (status, err) == (0, '')
     result = json.loads(out)
-    used = {'criteria': ['weak', 'energy'], 'hold': 'linear', 'delays': [0.0, 0.02], 'link_length': 0.3, 'seed': 4}
+    used = {'criteria': ['weak', 'energy'], 'hold': 'linear', 'delays': [-0.02, 0.004], 'link_length': 0.3, 'seed': 4}
     used |= {'model': 'viscous', 'smoothing': 0.03, 'sliding_window': 0.3, 'optimizer': 'auto', 'start': None}
     used |= {'link_mass': 0.3}
     assert result['made_by'].items() >= used.items()
@@ -65,6 +65,12 @@ def test_options_come_from_the_line_and_a_settings_file_and_json_prints_the_resu
     assert any('as on a link 1 of 0.03' in warning for warning in result['warnings'])
     assert run(*command)[1] == out, 'the same seed must give the same result'
     assert run(*command, '--fail-on', 'warn')[0] == 3
+
+
+def test_an_interval_in_a_settings_file_is_no_number_of_base_60(run, inputs, tmp_path):
+    (tmp_path / 'lab.yaml').write_text('delay: 0:0.02\n')
+    command = ('identify', f'{inputs / "swing"}@0:4', *WEAK, '--settings', tmp_path / 'lab.yaml', '--json')
+    assert json.loads(run(*command)[1])['made_by']['delays'] == [0.0, 0.02]
 
 
 @pytest.mark.parametrize(('criterion', 'tolerance'), [('energy', 1e-4), ('weak', 0.05), ('likelihood', 1e-3)])

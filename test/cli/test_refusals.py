@@ -40,6 +40,7 @@ FAILURES = {
     'export result.yaml --output link.yaml --force': 'link.yaml is read, so it cannot be written as well',
     'import run.csv --output swing --columns t=time,q1=a,q2=b,tau1=u': 'exists already',
     'excite --design --torque 1 --speed 20 --output file': 'exists already',
+    'excite --check unknown.yaml': 'no parameters of the node exciter',
     'excite --check often_exciter.yaml': 'period is often; a number from 0.01 to 3600 s is expected',
     'excite --check file --output file --force': 'so it cannot be written as well',
     'simulate --output swing': 'exists already',

@@ -194,6 +194,13 @@ def test_the_fit_converges_from_an_indefinite_mass_matrix(prepared):
     np.testing.assert_allclose(found.x[:5], inside.x[:5], rtol=0.01)
 
 
+def test_a_start_at_which_the_filter_diverges_is_refused(prepared):
+    like, x = likelihood(prepared, intervals=(0.1,))
+    x[5], like.upper[5] = 1e6, math.inf
+    with pytest.raises(FloatingPointError):
+        fit(like, x)
+
+
 def test_samples_at_rest_have_no_weight():
     """The rig hangs at rest for 2 s before it moves."""
     moving = recording(600, 0.005, seed=1, **CHAOTIC).tau

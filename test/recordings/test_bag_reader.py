@@ -266,12 +266,12 @@ def test_a_converted_bag_gives_the_same_motion(tmp_path, capsys, name, version, 
     assert 'only .mcap files can be repaired: use rosbag' in capsys.readouterr().err
 
 
-def test_wrapped_angles_are_unwrapped_in_files_and_streams(tmp_path):
-    conversion = Conversion(unwrap=True, degrees=True)
+@pytest.mark.parametrize('conversion', [Conversion(unwrap=True), Conversion(unwrap=True, degrees=True)])
+def test_wrapped_angles_are_unwrapped_in_files_and_streams(tmp_path, conversion):
     expected = read_trajectory(SAMPLE).trajectory
     wrapped = (expected.q + 2) % (2 * np.pi) - 2
     assert np.abs(np.diff(wrapped, axis=0)).max() > 6
-    write_trajectory(tmp_path / 'run', replace(expected, q=np.degrees(wrapped)))
+    write_trajectory(tmp_path / 'run', replace(expected, q=np.degrees(wrapped) if conversion.degrees else wrapped))
     with pytest.raises(TrajectoryError, match=r'run: q1 jumps by .* at 4\.\d* s, .*: add --unwrap'):
         read_trajectory(tmp_path / 'run')
     window = BagWindow(tmp_path / 'run')

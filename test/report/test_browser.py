@@ -226,7 +226,12 @@ def test_the_page_of_a_track_shows_parameters_and_events_over_time(opened, pages
     states, _ = track
     assert plot_track(states[:1], []).content.panels, 'also for one state'
     page = opened(pages[1])
-    assert len(page.evaluate(RANGES)['track']) == 10, 'nine parameters and the unexplained torque'
+    before = page.evaluate(RANGES)['track']
+    assert len(before) == 10, 'nine parameters and the unexplained torque'
+    drag(page, over(page, 'track'), 0.25, 0.5)
+    after = page.evaluate(RANGES)['track']
+    assert all(panel == after[0] for panel in after)
+    assert after[0][1] - after[0][0] == pytest.approx((before[0][1] - before[0][0]) / 4, rel=0.02)
     plot = json.loads(page.locator('#content').text_content())['track']
     assert [(label, round(begin)) for begin, _, _, label in plot['spans']] == [('change', 40), ('disturbance', 60)]
     band = plot['panels'][0]['lines'][0]

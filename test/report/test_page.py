@@ -125,7 +125,8 @@ def test_the_page_depends_on_no_other_file(complete):
         '--criterion energy,weak --model coulomb --optimizer lsq --seed 3 --delay=-0.01:0.02 --bounds b2=0 --sliding 2',
         '--validate swing@4:6 --criterion weak --hold zero --link-length 0.03 --link-mass 0.03 --bounds P1=0:0.5',
         '--criterion weak --model viscous --negate tau1,tau2 --apply-remedies',
-        '--criterion energy --model viscous --spread 0 --settings fast.yaml --bounds P5=0.0033261234567',
+        '--criterion energy --model viscous --spread 0 --settings fast.yaml',
+        '--criterion energy --model viscous --bounds P1=0:0.1 --bounds P5=0.0033261234567',
     ],
 )
 def test_the_command_on_the_page_reproduces_the_result(options, tmp_path, monkeypatch):
