@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -109,7 +109,8 @@ class Quadratic:
         # Far from the valley J may be constant, with P1 = P2 = P3 = 0. The second search gives the last digits of a
         # minimum at a kink of J.
         coarse = np.linspace(low, high, math.ceil(high - low) + 2)
-        optimum = float(coarse[np.argmin([self(best(x)) for x in coarse])])
+        floors = [self.along(_with_ratio(math.exp(x), len(self.y))).floor for x in coarse]
+        optimum = smallest(coarse, floors, lambda x: float(self(best(x))))
         for reach in (1.0, 1e-6):
             centre = optimum
 
@@ -126,9 +127,7 @@ class Quadratic:
 
     def _of_ratio(self, s: float, side: float, bounds: Bounds) -> Array:
         """Return the minimiser among the vectors with P1 = s P2."""
-        # Columns: P2 (and P1 with it), P3, and the others.
-        directions = np.delete(np.eye(len(bounds.lower)), 0, axis=1)
-        directions[0, 0] = s
+        directions = _with_ratio(s, len(bounds.lower))
         lower, upper = bounds.lower[1:].copy(), bounds.upper[1:].copy()
         lower[0], upper[0] = max(lower[0], bounds.lower[0] / s, 0.0), min(upper[0], bounds.upper[0] / s)
         theta = self._within(lower, upper, directions)
@@ -203,6 +202,22 @@ def _column_scale(phi: Array) -> Array:
     """Return the norm of each column, shape (D,); 1 where a column is zero."""
     norms = np.linalg.norm(phi, axis=0)
     return np.asarray(np.where(norms > 0, norms, 1.0))
+
+
+def smallest(points: Array, floors: ArrayLike, value: Callable[[float], float]) -> float:
+    """Return the point with the smallest value; their lower limits ``floors`` exclude most points."""
+    least, values = np.asarray(floors), np.full(len(points), np.inf)
+    for k in np.argsort(least, kind='stable'):
+        if least[k] <= values.min():
+            values[k] = value(float(points[k]))
+    return float(points[np.argmin(values)])
+
+
+def _with_ratio(s: float, size: int) -> Array:
+    """Return the directions of P2, and s P2 in P1, of P3, and of the other parameters, shape (size, size - 1)."""
+    directions = np.eye(size)[:, 1:]
+    directions[0, 0] = s
+    return directions
 
 
 def _coupled(theta: Array) -> bool:

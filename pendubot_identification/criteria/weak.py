@@ -36,7 +36,7 @@ from pendubot_identification.model.parameters import MODELS, Bounds
 from pendubot_identification.trajectories.motion import Motion
 
 from .energy import Regression, require_plausible_speed
-from .quadratic import Quadratic
+from .quadratic import Quadratic, smallest
 
 #: Support of a test function [s].
 WIDTH = 0.3
@@ -138,14 +138,9 @@ def estimate_delay(
         return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
 
     delays = np.linspace(lowest, highest, math.ceil((highest - lowest) / DELAY_STEP - 1e-9) + 1)
-    criteria = [criterion_at(delay) for delay in delays]
-    # The residual without bounds is a lower limit, which excludes most delays.
-    without = np.array([criterion.floor / effort if effort > 0 else 1.0 for criterion, effort in criteria])
-    within = np.full(len(delays), np.inf)
-    for k in np.argsort(without):
-        if without[k] <= within.min():
-            within[k] = unexplained(*criteria[k])
-    best, none = delays[np.argmin(within)], min(max(0.0, lowest), highest)
+    criteria = {delay: criterion_at(delay) for delay in delays.tolist()}
+    floors = [criterion.floor / effort if effort > 0 else 1.0 for criterion, effort in criteria.values()]
+    best, none = smallest(delays, floors, lambda delay: unexplained(*criteria[delay])), min(max(0.0, lowest), highest)
     around = max(lowest, best - DELAY_STEP), min(highest, best + DELAY_STEP)
     found = minimize_scalar(
         lambda delay: unexplained(*criterion_at(delay)), bounds=around, method='bounded', options={'xatol': 1e-5}

@@ -27,7 +27,7 @@ from scipy.special import fdtri, ndtri
 
 from pendubot_identification.arrays import Array
 from pendubot_identification.criteria.energy import Regression
-from pendubot_identification.criteria.quadratic import Quadratic
+from pendubot_identification.criteria.quadratic import Quadratic, smallest
 from pendubot_identification.criteria.weak import DELAY_STRIDE, WIDTH, estimate_delay, weak_regression
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.level import Level
@@ -385,15 +385,17 @@ def _turned_criterion(recordings: _Recordings, joint: int) -> Callable[[float], 
 def _best_angle(criterion: Callable[[float], Quadratic], limit: float) -> float:
     """Return the angle that fits best, or a quarter turn, a likely convention, if it fits as well."""
 
-    def unexplained(angle: float) -> float:
-        return _unexplained(criterion(angle))
+    def squared(angle: float) -> float:
+        turned = criterion(angle)
+        return float(turned(turned.minimum_in_box(BOUNDS)))
 
     step = math.pi / 12
-    nearest = min(np.arange(-math.pi, math.pi, step), key=unexplained)
-    found = minimize_scalar(unexplained, bounds=(nearest - step, nearest + step), options={'xatol': 1e-4}).x
-    best = min(float(found), float(nearest), key=unexplained)
+    angles = np.arange(-math.pi, math.pi, step)
+    nearest = smallest(angles, [criterion(angle).floor for angle in angles], squared)
+    found = minimize_scalar(squared, bounds=(nearest - step, nearest + step), options={'xatol': 1e-4}).x
+    best = min(float(found), nearest, key=squared)
     quarter = round(best / (math.pi / 2)) * math.pi / 2
-    return quarter if quarter and unexplained(quarter) < limit * unexplained(best) else best
+    return quarter if quarter and squared(quarter) < limit * squared(best) else best
 
 
 def _offset(recordings: _Recordings) -> Iterator[Fault]:

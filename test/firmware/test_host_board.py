@@ -65,7 +65,8 @@ def test_the_linux_program_has_the_limits_and_the_motion_of_the_virtual_board(
         assert hello.torque_constant == 100_000
         # The watchdog ends the torque after half a second.
         line.write(encode(Arm(2, 0, hello.boot_id, 7, 1, 500)) + encode(Command(3, 0, 1, 500, 200_000, session=7)))
-        line.events(10, lambda e: e.t_us > 2_000_000)
+        # On a busy machine, the board drops samples if this process does not read for a while.
+        line.events(10, lambda e: getattr(e, 't_us', 0) > 2_000_000)
     plant, rows = Plant(rig), np.loadtxt(trace, delimiter=',', skiprows=1, dtype=int)[:2000]
     assert set(rows[:, 3]) == {0, 200_000}
     for _, *counts, torque, _ in rows:
