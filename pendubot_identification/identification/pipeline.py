@@ -26,7 +26,7 @@ from .estimate import Estimate, Progress
 from .fitting import TrainingData
 from .selection import fitted
 from .settings import Settings
-from .validation import Validation, assess, basis, folds, open_faults, remarks, require_excitation, stillness, validated
+from .validation import Validation, assess, basis, faults_left, folds, remarks, require_excitation, stillness, validated
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def identify(
     detected = detect_faults(prepared.excerpt().motions, prepared.settings)
     composite = fitted(prepared, detected, report) if 'likelihood' in prepared.settings.criteria else None
     data = prepared if composite is None else composite.data
-    faults = detected if composite is None else open_faults(detected, composite)
+    faults = detected if composite is None else faults_left(detected, composite)
 
     predicted = [Motion.prepare(motion, data.smoothing, data.hold) for motion in others if not stillness(motion)]
     left_out = [] if predicted else folds(data.motions)

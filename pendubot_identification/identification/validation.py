@@ -210,7 +210,7 @@ def validated(
     return replace(estimate, prediction=Prediction.pool(parts) if parts else Prediction.none())
 
 
-def open_faults(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ...]:
+def faults_left(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ...]:
     """Return the faults that neither an exact fit nor accepted effects explain, and an offset, which has an option.
 
     Without both, a motion that is predictable over a short interval only is a further fault.
@@ -249,7 +249,7 @@ def _inconsistencies(answer: Composite, validation: Validation) -> Iterator[str]
     """Yield contradictions of all recordings, and disturbances or a poor fit of those for validation."""
     data, model, delay = answer.data, answer.model, answer.delay
     training = [compensated(m, answer.effects, delay) for m in data.excerpt().motions]
-    found = list(contradictions([*training, *validation.motions], model, delay, data.settings.box(model)))
+    found = list(contradictions([*training, *validation.motions], model, delay, data.settings))
     found += [sentence for fit in validation.fits for sentence in disturbances(fit)]
     # Quantization alone can look like torque noise.
     worse = any(
@@ -264,13 +264,13 @@ def _inconsistencies(answer: Composite, validation: Validation) -> Iterator[str]
     yield from (*found, *validation.problems)
 
 
-def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: Bounds) -> Iterator[str]:
-    """Yield a warning if a recording has other parameters than the rest (Chow, Econometrica 28, 1960)."""
+def contradictions(motions: Sequence[Motion], model: str, delay: float, settings: Settings) -> Iterator[str]:
+    """Yield a warning if a recording has other parameters than the rest (Chow, Econometrica 28, 1960), and why."""
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if len(motions) < 2:
         return
     residuals = [joint_regression(motion, model, delay) for motion in motions]
-    parts = [Quadratic.reduce(each.phi, each.y) for each in residuals]
+    parts, bounds = [Quadratic.reduce(each.phi, each.y) for each in residuals], settings.box(model)
 
     def squared(group: Sequence[Quadratic]) -> float:
         criterion = Quadratic.pool(group)
@@ -281,12 +281,15 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, bounds: 
     if common <= SETTINGS.ratio * separate[odd] or common - separate[odd] <= SETTINGS.contradiction * effort:
         return
     found = f'{motions[odd].name} contradicts the other recordings'
+    faults = detect_faults([motions[odd]], settings) if len(motions) > 2 else ()
+    causes = [f'in it, {fault.found}; {fault.remedy}' for fault in faults if fault.name != 'motion']
     if len(motions) == 2:
         one, other = (motion.name for motion in motions)
         found = f'{"both parts of " + one if one == other else f"{one} and {other}"} contradict each other'
     yield (
         f'{found}: common parameters leave {common / max(separate[odd], 1e-300):.2g} times the squared residual of '
-        'separate ones; check that all recordings are of one rig, with the same signs and zeros'
+        'separate ones; '
+        + ('; '.join(causes) or 'check that all recordings are of one rig, with the same signs and zeros')
     )
 
 

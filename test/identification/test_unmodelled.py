@@ -20,7 +20,7 @@ from pendubot_identification.identification.selection import Fits, fit_composite
 from pendubot_identification.identification.settings import Settings
 from pendubot_identification.identification.validation import contradictions, disturbances
 from pendubot_identification.level import Level
-from pendubot_identification.model.parameters import Parameters, default_bounds
+from pendubot_identification.model.parameters import Parameters
 from pendubot_identification.trajectories.motion import Motion
 from test import real
 from test.simulated_rig import CATALOGUE, FC, STRENGTH, UNKNOWN, Rig, record, true
@@ -200,8 +200,7 @@ ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.006
 
 def contradicted(*recordings, model='viscous', hold='zero'):
     """Return the messages about recordings that contradict each other."""
-    bounds = default_bounds().of({'viscous': 7, 'rotor': 10}[model])
-    return list(contradictions([Motion.prepare(each, 0.02, hold) for each in recordings], model, 0.0, bounds))
+    return list(contradictions([Motion.prepare(each, 0.02, hold) for each in recordings], model, 0.0, Settings()))
 
 
 def rough(*recordings):
@@ -223,6 +222,14 @@ def test_recordings_of_one_rig_agree(one_rig):
 def test_the_recording_of_another_rig_is_reported(one_rig):
     (message,) = contradicted(one_rig[0], recording(500, seed=1, rig=ANOTHER, name='another'), one_rig[2])
     assert message.startswith('another contradicts the other recordings')
+    assert message.endswith('check that all recordings are of one rig, with the same signs and zeros')
+
+
+def test_the_fault_of_a_recording_that_contradicts_the_others_is_named(one_rig):
+    wrong = replace(one_rig[1], q=one_rig[1].q * [1, -1], name='wrong')
+    (message,) = contradicted(one_rig[0], wrong, one_rig[2])
+    assert message.startswith('wrong contradicts the other recordings')
+    assert "in it, the elbow's position has the wrong sign; positions and efforts" in message
 
 
 @pytest.mark.recordings
