@@ -16,7 +16,8 @@ demo: $(VENV)/.ros
 	$(BIN)/pendubot demo
 
 # Three processes, each of one thread: tests of live programs wait while others compute. A test that fails,
-# because a live program waited for seconds, is run once more by itself. The fault trials run alone.
+# because a live program waited for seconds, is run once more by itself. The fault trials run alone; each process takes
+# the next one when it has ended one.
 PYTEST := PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 PARALLEL := $(PYTEST) --numprocesses 3 --dist worksteal
 AGAIN := --last-failed --last-failed-no-failures none
@@ -24,7 +25,7 @@ TRIALS := test/test_fault_trials.py
 PACKAGE := pendubot_identification
 test: $(VENV)/.test
 	$(PARALLEL) --ignore $(TRIALS) || $(PYTEST) $(AGAIN) --ignore $(TRIALS)
-	$(PARALLEL) $(TRIALS) || $(PYTEST) $(AGAIN) $(TRIALS)
+	$(PARALLEL) --dist load --maxschedchunk 1 $(TRIALS) || $(PYTEST) $(AGAIN) $(TRIALS)
 
 # The lines that no test reaches; takes 1.5 times as long.
 coverage: $(VENV)/.test
