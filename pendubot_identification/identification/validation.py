@@ -30,6 +30,7 @@ from pendubot_identification.trajectories.signals import SMOOTHING
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import DELAYS
+from .conventions import SETTINGS as CONVENTIONS
 from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
 from .effects import DetectedEffect, compensated
 from .estimate import Estimate, Progress, Zeros
@@ -278,11 +279,20 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, settings
 
     separate = [squared([part]) + squared([*parts[:k], *parts[k + 1 :]]) for k, part in enumerate(parts)]
     odd, common, effort = int(np.argmin(separate)), squared(parts), sum(float(each.y @ each.y) for each in residuals)
-    if common <= SETTINGS.ratio * separate[odd] or common - separate[odd] <= SETTINGS.contradiction * effort:
+    apart = common > SETTINGS.ratio * separate[odd] and common - separate[odd] > SETTINGS.contradiction * effort
+    corrected, causes = motions[odd], list[str]()
+    if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort):
+        for fault in detect_faults([motions[odd]], settings):
+            causes.append(f'in it, {fault.found}; {fault.remedy}')
+            corrected = corrected if fault.change is None else corrected.changed(fault.change)
+            delay = delay if fault.delay is None else fault.delay
+        after = joint_regression(corrected, model, delay)
+        others = [part for k, part in enumerate(parts) if k != odd]
+        if common <= SETTINGS.ratio * squared([*others, Quadratic.reduce(after.phi, after.y)]):
+            causes = []
+    if not (apart or causes):
         return
     found = f'{motions[odd].name} contradicts the other recordings'
-    faults = detect_faults([motions[odd]], settings) if len(motions) > 2 else ()
-    causes = [f'in it, {fault.found}; {fault.remedy}' for fault in faults if fault.name != 'motion']
     if len(motions) == 2:
         one, other = (motion.name for motion in motions)
         found = f'{"both parts of " + one if one == other else f"{one} and {other}"} contradict each other'

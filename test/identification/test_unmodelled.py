@@ -225,11 +225,34 @@ def test_the_recording_of_another_rig_is_reported(one_rig):
     assert message.endswith('check that all recordings are of one rig, with the same signs and zeros')
 
 
-def test_the_fault_of_a_recording_that_contradicts_the_others_is_named(one_rig):
-    wrong = replace(one_rig[1], q=one_rig[1].q * [1, -1], name='wrong')
-    (message,) = contradicted(one_rig[0], wrong, one_rig[2])
+@pytest.mark.parametrize(
+    ('change', 'found'),
+    [
+        (lambda m: replace(m, q=m.q * [1, -1]), "the elbow's position has the wrong sign"),
+        (lambda m: replace(m, q=m.q + np.array([np.pi / 2, 0])), "q1's zero is off by 90.0"),
+        (lambda m: replace(m, q=m.q[:, ::-1], tau=m.tau[:, ::-1]), 'the joints are in the wrong order'),
+        (lambda m: replace(m, tau=1000 * m.tau), 'link 2 would weigh'),
+    ],
+)
+def test_the_fault_of_a_recording_that_contradicts_the_others_is_named(change, found, one_rig):
+    (message,) = contradicted(one_rig[0], replace(change(one_rig[1]), name='wrong'), one_rig[2])
     assert message.startswith('wrong contradicts the other recordings')
-    assert "in it, the elbow's position has the wrong sign; positions and efforts" in message
+    assert f'; in it, {found}' in message
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize(
+    ('change', 'found'),
+    [
+        (lambda m: replace(m, tau=-m.tau), 'the effort has the wrong sign'),
+        (lambda m: replace(m, q=m.q + np.array([np.pi / 2, 0])), "q1's zero is off by 90.0"),
+    ],
+)
+def test_a_fault_after_which_no_parameters_fit_is_named(change, found):
+    takes = real.recorded(real.RIGS[1], 'train')
+    (message,) = contradicted(*takes[:2], replace(change(takes[2]), name='wrong'), *takes[3:], model='rotor')
+    assert message.startswith('wrong contradicts the other recordings')
+    assert f'; in it, {found}' in message
 
 
 @pytest.mark.recordings
