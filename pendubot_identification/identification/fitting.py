@@ -56,7 +56,7 @@ class FittingSettings:
     #: largest torque noise of an exact rig over 0.1 s over the effort, at shoulder and elbow (docs/method.md).
     quiet: tuple[float, float] = (6e-3, 2e-2)
     quantized: float = 1.15  #: largest noise of the positions over their quantization.
-    #: largest mean of the squared innovations over their expected variances, in every recording.
+    #: largest mean of the squared innovations over the quantization, in every recording.
     variance: float = 1.25
     #: least unexplained fraction of the variance of the innovations that shows an effect: 1 - 1 / variance.
     least: float = 0.2
@@ -415,15 +415,17 @@ def fit_all_samples(
 
 
 def _noisier(filter_data: FilterData, e: Array, s: Array) -> bool:
-    """Return whether squared innovations significantly exceed the limit of an exact rig, in any recording and joint.
+    """Return whether squared innovations significantly exceed the quantization, in any recording and joint.
 
-    The standard error of their mean is from blocks of time: few samples with correlated quantization vary by a third.
+    As weights, the innovations' variances reduce the first ones, at which the speed is unknown. The standard error is
+    from blocks of time: few samples with correlated quantization vary by a third.
     """
     for each in filter_data.series:
         ratios, block = e[each.rows] ** 2 / s[each.rows], filter_data.block[each.rows]
+        quantization = (filter_data.quantization / s[each.rows]).mean(axis=0)
         means = np.array([ratios[block == number].mean(axis=0) for number in np.unique(block)])
         error = means.std(axis=0) / math.sqrt(max(len(means) - 1, 1))
-        if (ratios.mean(axis=0) - NORMAL_95 * error >= SETTINGS.variance).any():
+        if (ratios.mean(axis=0) - NORMAL_95 * error >= SETTINGS.variance * quantization).any():
             return True
     return False
 

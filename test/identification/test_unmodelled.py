@@ -195,6 +195,15 @@ def test_pushes_by_hand_are_reported_as_disturbances(identified, recordings):
     assert error < 2
 
 
+def test_a_residual_above_the_quantization_level_is_an_unmodelled_effect():
+    takes = [trajectory(each) for each in record([0, 1, 2], [Rig(rub=0.2)] * 3, counts=16384)]
+    found = identify(takes)
+    assert not found.best.exact
+    assert found.level is Level.WARN
+    assert any('unmodelled effects' in warning for warning in found.warnings)
+    assert (np.abs(found.best.theta[:5] - P1_TO_P5) < found.best.half_width[:5]).all()
+
+
 ANOTHER = Parameters(P1=0.004, P2=0.0008, P3=0.0002, P4=0.04, P5=0.006, b1=0.0066, b2=0.0001)
 
 
