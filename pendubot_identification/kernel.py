@@ -13,7 +13,6 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from concurrent.futures import ThreadPoolExecutor
     from ctypes import CDLL
 
 #: Version of the kernel's functions; a library of another version is not used.
@@ -76,17 +75,12 @@ def opened(name: str) -> CDLL | None:
 
 def share(function: Any, blocks: int, nanoseconds: float, *arguments: Any) -> None:
     """Call ``function(begin, end, *arguments)`` for all blocks of work, which take ``nanoseconds`` each, on threads."""
+    from concurrent.futures import ThreadPoolExecutor
+
     parts = max(1, min(threads or cores, blocks, int(blocks * nanoseconds / WORTH_A_THREAD)))
     if parts == 1:
         function(0, blocks, *arguments)
         return
     edges = [blocks * k // parts for k in range(parts + 1)]
-    list(_pool(parts).map(lambda begin, end: function(begin, end, *arguments), edges, edges[1:]))
-
-
-@cache
-def _pool(count: int) -> ThreadPoolExecutor:
-    # Imported here, because the command line's --help does not need it.
-    from concurrent.futures import ThreadPoolExecutor
-
-    return ThreadPoolExecutor(count)
+    with ThreadPoolExecutor(parts) as pool:
+        list(pool.map(lambda begin, end: function(begin, end, *arguments), edges, edges[1:]))
