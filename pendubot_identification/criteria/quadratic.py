@@ -125,6 +125,10 @@ class Quadratic:
         """Return the exact minimiser within the bounds, with any mass matrix, shape (D,)."""
         return self._within(bounds.lower, bounds.upper, np.eye(len(bounds.lower)))
 
+    def least_in_box(self, bounds: Bounds) -> float:
+        """Return the least J within the bounds, with any mass matrix."""
+        return float(self(self.minimum_in_box(bounds)))
+
     def _of_ratio(self, s: float, side: float, bounds: Bounds) -> Array:
         """Return the minimiser among the vectors with P1 = s P2."""
         directions = _with_ratio(s, len(bounds.lower))
@@ -205,7 +209,7 @@ def _column_scale(phi: Array) -> Array:
 
 
 def smallest(points: Array, floors: ArrayLike, value: Callable[[float], float]) -> float:
-    """Return the point with the smallest value; their lower limits ``floors`` exclude most points."""
+    """Return the point with the smallest value; lower limits of the values, ``floors``, exclude most points."""
     least, values = np.asarray(floors), np.full(len(points), np.inf)
     for k in np.argsort(least, kind='stable'):
         if least[k] <= values.min():
@@ -214,7 +218,7 @@ def smallest(points: Array, floors: ArrayLike, value: Callable[[float], float]) 
 
 
 def _with_ratio(s: float, size: int) -> Array:
-    """Return the directions of P2, and s P2 in P1, of P3, and of the other parameters, shape (size, size - 1)."""
+    """Return a basis of the vectors with P1 = s P2, shape (size, size - 1): of P2, P3 and the other parameters."""
     directions = np.eye(size)[:, 1:]
     directions[0, 0] = s
     return directions

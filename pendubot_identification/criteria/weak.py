@@ -135,7 +135,7 @@ def estimate_delay(
 
     def unexplained(criterion: Quadratic, effort: float) -> float:
         # In a short recording, a delay may move the only pulse outside the test functions, which reduces the effort.
-        return float(criterion(criterion.minimum_in_box(bounds.of(size)))) / effort if effort > 0 else 1.0
+        return criterion.least_in_box(bounds.of(size)) / effort if effort > 0 else 1.0
 
     delays = np.linspace(lowest, highest, math.ceil((highest - lowest) / DELAY_STEP - 1e-9) + 1)
     criteria = {delay: criterion_at(delay) for delay in delays.tolist()}

@@ -211,6 +211,14 @@ def _with_options(faults: Sequence[Fault], conversion: Conversion) -> Iterator[F
         yield fault
 
 
+def corrected(motion: Motion, delay: float, faults: Sequence[Fault]) -> tuple[Motion, float]:
+    """Return a motion and the delay of its effort [s] after the corrections of faults."""
+    recordings = _Recordings((motion,), delay)
+    for fault in faults:
+        recordings = recordings.after(fault.change, fault.delay)
+    return recordings.motions[0], recordings.delay
+
+
 def corrected_conversion(faults: Sequence[Fault]) -> Conversion | None:
     """Return the conversion that corrects as many of the faults as options can; None if they correct none."""
     return next((f.corrected_conversion for f in reversed(faults) if f.corrected_conversion is not None), None)
@@ -385,17 +393,16 @@ def _turned_criterion(recordings: _Recordings, joint: int) -> Callable[[float], 
 def _best_angle(criterion: Callable[[float], Quadratic], limit: float) -> float:
     """Return the angle that fits best, or a quarter turn, a likely convention, if it fits as well."""
 
-    def squared(angle: float) -> float:
-        turned = criterion(angle)
-        return float(turned(turned.minimum_in_box(BOUNDS)))
+    def least(angle: float) -> float:
+        return criterion(angle).least_in_box(BOUNDS)
 
     step = math.pi / 12
     angles = np.arange(-math.pi, math.pi, step)
-    nearest = smallest(angles, [criterion(angle).floor for angle in angles], squared)
-    found = minimize_scalar(squared, bounds=(nearest - step, nearest + step), options={'xatol': 1e-4}).x
-    best = min(float(found), nearest, key=squared)
+    nearest = smallest(angles, [criterion(angle).floor for angle in angles], least)
+    found = minimize_scalar(least, bounds=(nearest - step, nearest + step), options={'xatol': 1e-4}).x
+    best = min(float(found), nearest, key=least)
     quarter = round(best / (math.pi / 2)) * math.pi / 2
-    return quarter if quarter and squared(quarter) < limit * squared(best) else best
+    return quarter if quarter and least(quarter) < limit * least(best) else best
 
 
 def _offset(recordings: _Recordings) -> Iterator[Fault]:
@@ -485,6 +492,5 @@ def _pooled(parts: Sequence[Regression], more: Sequence[Array] | None = None) ->
 
 def _unexplained(criterion: Quadratic, bounds: Bounds = BOUNDS) -> float:
     """Return the fraction of the squared effort that no parameters within their bounds explain."""
-    theta = criterion.minimum_in_box(bounds)
-    effort = float(criterion(np.zeros_like(theta)))
-    return float(criterion(theta)) / effort if effort > 0 else 1.0
+    effort = float(criterion(np.zeros(len(bounds.names))))
+    return criterion.least_in_box(bounds) / effort if effort > 0 else 1.0

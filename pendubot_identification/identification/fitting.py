@@ -417,8 +417,8 @@ def fit_all_samples(
 def _noisier(filter_data: FilterData, e: Array, s: Array) -> bool:
     """Return whether squared innovations significantly exceed the quantization, in any recording and joint.
 
-    As weights, the innovations' variances reduce the first ones, at which the speed is unknown. The standard error is
-    from blocks of time: few samples with correlated quantization vary by a third.
+    The weights are the inverse variances of the innovations: the speed is unknown at the first ones. The standard error
+    is from blocks of time: few samples with correlated quantization vary by a third.
     """
     for each in filter_data.series:
         ratios, block = e[each.rows] ** 2 / s[each.rows], filter_data.block[each.rows]

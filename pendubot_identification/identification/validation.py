@@ -31,7 +31,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import DELAYS
 from .conventions import SETTINGS as CONVENTIONS
-from .conventions import Fault, agrees_with_exact_fit, detect_faults, joint_regression
+from .conventions import Fault, agrees_with_exact_fit, corrected, detect_faults, joint_regression
 from .effects import DetectedEffect, compensated
 from .estimate import Estimate, Progress, Zeros
 from .fitting import SETTINGS as FITTING
@@ -270,26 +270,28 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, settings
     motions = [motion for motion in motions if motion.end - motion.start > WIDTH + abs(delay)]
     if len(motions) < 2:
         return
-    residuals = [joint_regression(motion, model, delay) for motion in motions]
-    parts, bounds = [Quadratic.reduce(each.phi, each.y) for each in residuals], settings.box(model)
+    bounds = settings.box(model)
+
+    def reduced(motion: Motion, delay: float) -> Quadratic:
+        rows = joint_regression(motion, model, delay)
+        return Quadratic.reduce(rows.phi, rows.y)
 
     def squared(group: Sequence[Quadratic]) -> float:
         criterion = Quadratic.pool(group)
-        return criterion.count * float(criterion(criterion.minimum_in_box(bounds)))
+        return criterion.count * criterion.least_in_box(bounds)
 
-    separate = [squared([part]) + squared([*parts[:k], *parts[k + 1 :]]) for k, part in enumerate(parts)]
-    odd, common, effort = int(np.argmin(separate)), squared(parts), sum(float(each.y @ each.y) for each in residuals)
+    parts = [reduced(motion, delay) for motion in motions]
+    rests = [[*parts[:k], *parts[k + 1 :]] for k in range(len(parts))]
+    separate = [squared([part]) + squared(rest) for part, rest in zip(parts, rests, strict=True)]
+    odd, common = int(np.argmin(separate)), squared(parts)
+    effort = sum(part.count * float(part(np.zeros_like(part.y))) for part in parts)
     apart = common > SETTINGS.ratio * separate[odd] and common - separate[odd] > SETTINGS.contradiction * effort
-    corrected, causes = motions[odd], list[str]()
+    causes = list[str]()
     if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort):
-        for fault in detect_faults([motions[odd]], settings):
-            causes.append(f'in it, {fault.found}; {fault.remedy}')
-            corrected = corrected if fault.change is None else corrected.changed(fault.change)
-            delay = delay if fault.delay is None else fault.delay
-        after = joint_regression(corrected, model, delay)
-        others = [part for k, part in enumerate(parts) if k != odd]
-        if common <= SETTINGS.ratio * squared([*others, Quadratic.reduce(after.phi, after.y)]):
-            causes = []
+        faults = detect_faults([motions[odd]], settings)
+        after = reduced(*corrected(motions[odd], delay, faults))
+        if common > SETTINGS.ratio * squared([*rests[odd], after]):
+            causes = [f'in it, {fault.found}; {fault.remedy}' for fault in faults]
     if not (apart or causes):
         return
     found = f'{motions[odd].name} contradicts the other recordings'

@@ -234,6 +234,12 @@ def test_the_recording_of_another_rig_is_reported(one_rig):
     assert message.endswith('check that all recordings are of one rig, with the same signs and zeros')
 
 
+def test_a_fault_whose_correction_is_not_sufficient_is_no_cause(one_rig):
+    other = recording(500, seed=1, rig=ANOTHER, name='another')
+    (message,) = contradicted(one_rig[0], replace(other, q=other.q * [1, -1]), one_rig[2])
+    assert message.endswith('check that all recordings are of one rig, with the same signs and zeros')
+
+
 @pytest.mark.parametrize(
     ('change', 'found'),
     [
