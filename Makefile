@@ -19,17 +19,17 @@ demo: $(VENV)/.ros
 # because a live program waited for seconds, is run once more by itself. The fault trials run alone; each process takes
 # the next one when it has ended one.
 PYTEST := PENDUBOT_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
-PARALLEL := $(PYTEST) --numprocesses 3 --dist worksteal
+PARALLEL := $(PYTEST) --numprocesses 3
 AGAIN := --last-failed --last-failed-no-failures none
 TRIALS := test/test_fault_trials.py
 PACKAGE := pendubot_identification
 test: $(VENV)/.test
-	$(PARALLEL) --ignore $(TRIALS) || $(PYTEST) $(AGAIN) --ignore $(TRIALS)
+	$(PARALLEL) --dist worksteal --ignore $(TRIALS) || $(PYTEST) $(AGAIN) --ignore $(TRIALS)
 	$(PARALLEL) --dist load --maxschedchunk 1 $(TRIALS) || $(PYTEST) $(AGAIN) $(TRIALS)
 
 # The lines that no test reaches; takes 1.5 times as long.
 coverage: $(VENV)/.test
-	$(PARALLEL) --ignore $(TRIALS) --cov=$(PACKAGE) --cov-report=term-missing:skip-covered
+	$(PARALLEL) --dist worksteal --ignore $(TRIALS) --cov=$(PACKAGE) --cov-report=term-missing:skip-covered
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
