@@ -255,8 +255,8 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
     others = [names.index(name) for name in ('P3', 'P2', 'b2', 'Fc2', 'J2', 'Fs2', 'k2') if name in names]
     parts = []
     for motion in motions:
-        residuals = weak_regression(motion, model, delay)
-        phi, y, t = (values[1::3] for values in (residuals.phi, residuals.y, residuals.t))
+        residuals = weak_regression(motion, model, delay, weights=(1, 1))
+        phi, y, t = (values[1::2] for values in (residuals.phi, residuals.y, residuals.t))
         # All is divided by P5, whose column contains no velocity.
         parts.append(Regression(np.column_stack([phi[:, others], -y]), -phi[:, names.index('P5')], t))
     ratios = _pooled(parts).free_minimum()
@@ -266,9 +266,7 @@ def link_length(motions: Sequence[Motion], model: str, delay: float = 0.0) -> tu
 
 def joint_regression(motion: Motion, model: str, delay: float) -> Regression:
     """Return the weak-form residuals of both joints, with a weight for the elbow."""
-    rows = weak_regression(motion, model, delay, weights=(1, SETTINGS.elbow, 1), stride=DELAY_STRIDE, coarse=True)
-    joints = np.arange(len(rows.y)) % 3 < 2
-    return Regression(rows.phi[joints], rows.y[joints], rows.t[joints])
+    return weak_regression(motion, model, delay, weights=(1, SETTINGS.elbow), stride=DELAY_STRIDE, coarse=True)
 
 
 @dataclass(frozen=True)
