@@ -38,6 +38,8 @@ Shape = Callable[[Motion, Array], Motion]
 Calibration = Callable[[Array, Array], Array]
 #: Number of unknowns before the effects: theta, delay.
 SHARED = 15
+#: Least damping of a scoring step.
+LEAST_DAMPING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +93,7 @@ class FilterData:
     def of(cls, motions: Sequence[Motion], settings: LikelihoodSettings | None = None) -> FilterData:
         """Sample recordings at all intervals."""
         settings = settings or LikelihoodSettings()
-        quantum = np.max([encoder_step(m.recorded.q) for m in motions], axis=0)
+        quantum = np.sqrt(12 * quantization(motions))
         owner = np.repeat(np.arange(len(motions)), [max(1, round((m.end - m.start) / settings.block)) for m in motions])
         series, weight, times, block, row = [], [], [], [], 0
         for level, interval in enumerate(settings.intervals):
@@ -113,7 +115,7 @@ class FilterData:
             t=np.concatenate(times),
             block=np.concatenate(block),
             owner=owner,
-            quantization=np.maximum(quantum**2 / 12, 1e-14),
+            quantization=quantization(motions),
         )
 
     @property
@@ -148,6 +150,12 @@ class FilterData:
             start[g] = [*q[0], *motion.states(motion.recorded.t[each.chosen[:1]])[2:, 0]]
             y[g, self.samples.row[g] >= 0] = q[1:]
         return start, y
+
+
+def quantization(motions: Sequence[Motion]) -> Array:
+    """Return the variance of the positions' quantization [rad^2], shape (2,)."""
+    quantum = np.max([encoder_step(m.recorded.q) for m in motions], axis=0)
+    return np.asarray(np.maximum(quantum**2 / 12, 1e-14))
 
 
 def _steps(motion: Motion, chosen: Indices, settings: LikelihoodSettings) -> tuple[Array, Indices]:
@@ -477,7 +485,7 @@ def fit(
     likelihood: Likelihood,
     x: Array,
     iterations: int = 40,
-    tolerance: float = 0.05,
+    tolerance: float = 0.02,
     progress: Callable[[float], None] | None = None,
 ) -> LikelihoodFit:
     """Minimise J within bounds by Fisher scoring with Levenberg and Marquardt's damping.
@@ -509,6 +517,10 @@ def fit(
         low, high = np.maximum(lower - x, -reach), np.minimum(upper - x, reach)
         information = curvature if corrected else now.information
         step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
+        # Damping hides the gain along a direction of small curvature, such as the scale of the elbow's equation.
+        while gain < tolerance and damping > LEAST_DAMPING and not rejected:
+            damping *= 0.2
+            step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
         if gain < tolerance or rejected == 12:
             break
         trial = repaired(x + step)
@@ -523,7 +535,7 @@ def fit(
             damping, rejected = damping * 8.0, rejected + 1
             continue
         ratio = -rise / gain
-        damping = max(damping * (0.2 if ratio > 0.6 else 1.0 if ratio > 0.2 else 3.0), 1e-9)
+        damping = max(damping * (0.2 if ratio > 0.6 else 1.0 if ratio > 0.2 else 3.0), LEAST_DAMPING)
         x, now, number, rejected = trial, after, number + 1, 0
         if progress is not None:
             progress(now.cost)

@@ -21,6 +21,7 @@ from pendubot_identification.criteria.likelihood import (
     LikelihoodFit,
     LikelihoodSettings,
     fit,
+    quantization,
 )
 from pendubot_identification.criteria.prediction_error import state_scale
 from pendubot_identification.criteria.quadratic import Penalised, Quadratic
@@ -229,9 +230,8 @@ def with_given_parameters(motions: Sequence[Motion], theta: Array, delay: float,
     known = np.concatenate([theta, np.zeros(GEARED - len(theta)), [delay]])
     like = _likelihood(data, _shortest(_stable_step(data, theta)), known[:GEARED])
     lower, upper = (np.append(known, bound[like.shared :]) for bound in (like.lower, like.upper))
-    x = np.concatenate([known, np.zeros(2 * len(motions)), first_noise(data, like.filter_data)])
     try:
-        return fit(replace(like, lower=lower, upper=upper), x)
+        return fit(replace(like, lower=lower, upper=upper), _start(data, known[:GEARED], delay))
     except FloatingPointError as error:
         raise TrajectoryError(
             f'{motions[0].name}: no filter follows this motion with these parameters; choose another window'
@@ -268,14 +268,15 @@ def first_fit(data: TrainingData, progress: Progress) -> LikelihoodFit:
     predictable over shorter intervals only: they are halved until a filter follows.
     """
     starts, interval = list(_rough(data)), LikelihoodSettings().intervals[0]
-    fine = max(_stable_step(data, theta) for theta, _ in starts)
+    fine = max(_stable_step(data, x[:GEARED]) for x in starts)
     while True:
         settings = _shortest(fine, interval)
-        found = next(filter(None, (_fit_from(data, *start, settings, progress) for start in starts)), None)
+        found = next(filter(None, (_fit_from(data, x, settings, progress) for x in starts)), None)
         if found is not None:
             used, fine = fine, _stable_step(data, found.x[:GEARED])
             if fine >= used:
                 return found
+            starts.insert(0, found.x)
         elif interval > max(m.interval for m in data.motions):
             interval /= 2
         else:
@@ -299,23 +300,20 @@ def _shortest(fine: float, interval: float = LikelihoodSettings().intervals[0]) 
     return LikelihoodSettings(intervals=(interval,), fine=fine, slow=SETTINGS.slow)
 
 
-def _fit_from(
-    data: TrainingData, theta: Array, delay: float, settings: LikelihoodSettings, progress: Progress
-) -> LikelihoodFit | None:
-    """Fit the shortest interval from rough parameters; None if the filter diverges with any noise."""
-    like = _likelihood(data, settings, theta)
-    noise = first_noise(data, like.filter_data)
+def _fit_from(data: TrainingData, x: Array, settings: LikelihoodSettings, progress: Progress) -> LikelihoodFit | None:
+    """Fit the shortest interval from x; None if the filter diverges with any noise."""
+    like = _likelihood(data, settings, x[:GEARED])
     for noisy, small in ((1.0, 1.0), (SETTINGS.louder, 1.0), (SETTINGS.louder, SETTINGS.smaller)):
-        begin = np.append(small * theta[:5], theta[5:])
-        zeros = np.zeros(2 * len(data.motions))
-        x = np.concatenate([begin, [delay], zeros, noise + np.log([1.0, 1.0, noisy, noisy])])
+        begin = x.copy()
+        begin[:5] *= small
+        begin[-2:] += math.log(noisy)
         with contextlib.suppress(FloatingPointError):
-            return _fit(like, x, progress)
+            return _fit(like, begin, progress)
     return None
 
 
-def _rough(data: TrainingData) -> Iterator[tuple[Array, float]]:
-    """Yield theta, shape (14,), and delay [s] of each start: from the settings, or by the weak criterion.
+def _rough(data: TrainingData) -> Iterator[Array]:
+    """Yield the unknowns of each start: from the settings, or by the weak criterion.
 
     With few samples, smoothed velocities resemble a delay: if no filter follows with it, the least delay is tried.
     Friction under load starts at 0: the weak criterion hardly distinguishes it from a smaller torque.
@@ -332,13 +330,18 @@ def _rough(data: TrainingData) -> Iterator[tuple[Array, float]]:
         answers = [(np.append(each.criterion.minimum(settings.box(model)), rest), each.delay) for each in weak]
     for theta, delay in answers:
         theta[:2] = np.maximum(theta[:2], SETTINGS.least_share * max(theta[:2].sum(), 1e-6))
-        yield theta, delay
+        yield _start(data, theta, delay)
 
 
-def first_noise(data: TrainingData, filter_data: FilterData) -> Array:
+def _start(data: TrainingData, theta: Array, delay: float) -> Array:
+    """Return initial unknowns of the shortest interval, without errors of zeros, from theta and delay [s]."""
+    return np.concatenate([theta, [delay], np.zeros(2 * len(data.motions)), first_noise(data)])
+
+
+def first_noise(data: TrainingData) -> Array:
     """Return the logarithms of the initial noise of positions and torques, shape (4,)."""
     torque = SETTINGS.noise * math.sqrt(0.1) * data.effort
-    return np.log(np.append(1.5 * np.sqrt(filter_data.quantization), torque))
+    return np.log(np.append(1.5 * np.sqrt(quantization(data.motions)), torque))
 
 
 def _fit(like: Likelihood, x: Array, progress: Progress) -> LikelihoodFit:
@@ -403,7 +406,7 @@ def fit_all_samples(
     progress('likelihood: all samples', 0, 0, math.nan)
     try:
         first = np.concatenate([all_intervals.x[:at], quantum, noise]) if near is None else near.x
-        found = fit(like, first, 15, 0.02)
+        found = fit(like, first, 15)
     except FloatingPointError:
         return None
     if _noisier(filter_data, *like.innovations(found.x)):
@@ -450,7 +453,7 @@ def _smallest(fitted: LikelihoodFit) -> LikelihoodFit:
         if not float(smaller.costs(x).sum()) + smaller.prior(x) < fitted.evaluation.cost + 40 * worth:
             continue
         with contextlib.suppress(FloatingPointError):
-            found = fit(smaller, x, 10, 0.02)
+            found = fit(smaller, x, 10)
             if found.evaluation.cost < fitted.evaluation.cost + worth * max(dropped.size, 1):
                 return found
     return fitted

@@ -314,7 +314,7 @@ def _best_hold(data: TrainingData, rough: LikelihoodFit, progress: Progress) -> 
     other = data.held('linear' if data.hold == 'zero' else 'zero')
     x, at = rough.x.copy(), rough.likelihood.before_noise
     x[14] += (0.5 if other.hold == 'zero' else -0.5) * np.median([m.interval for m in other.motions])
-    x[at:] = np.maximum(x[at:], first_noise(other, rough.likelihood.filter_data))
+    x[at:] = np.maximum(x[at:], first_noise(other))
     try:
         tried = refit(other, rough, x, progress)
     except FloatingPointError:  # the filter diverges with the other hold
