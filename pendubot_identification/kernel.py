@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ctypes import CDLL
 
 #: Version of the kernel's functions; a library of another version is not used.
-VERSION = 10
+VERSION = 11
 #: Number of lanes of a block of work; least work of a thread [ns].
 BLOCK = 8
 WORTH_A_THREAD = 3e5
@@ -64,8 +64,8 @@ def opened(name: str) -> CDLL | None:
         if kernel.pendubot_version() != VERSION:
             return None
         sizes, pointer = c_int64, c_void_p
-        kernel.pendubot_roll.argtypes = [*[sizes] * 4, c_double, *[pointer] * 4]
-        kernel.pendubot_sensitivities.argtypes = [*[sizes] * 5, c_double, *[pointer] * 4]
+        kernel.pendubot_roll.argtypes = [*[sizes] * 4, c_double, *[pointer] * 5]
+        kernel.pendubot_sensitivities.argtypes = [*[sizes] * 5, c_double, *[pointer] * 5]
         kernel.pendubot_filter.argtypes = [sizes, sizes, pointer]
         kernel.pendubot_mde.argtypes = [*[pointer] * 6, sizes, *[pointer] * 3]
     except (OSError, AttributeError):

@@ -48,7 +48,7 @@ class LikelihoodSettings:
 
     #: sampling intervals of the filters [s]; beyond 0.2 s the likelihood has wrong optima.
     intervals: tuple[float, ...] = (0.05, 0.1, 0.2)
-    step: float = 0.005  #: longest Runge-Kutta step [s].
+    step: float = 0.01  #: longest Runge-Kutta step [s].
     freedom: float = 12.0  #: nu, degrees of freedom of the innovations; 1e9: Gaussian.
     #: standard deviation of the zeros of both positions in a recording [rad]: dry friction holds a link away from
     #: hanging, by up to Fc over its largest gravity torque, 0.03 to 0.1 rad on small rigs.
@@ -60,8 +60,8 @@ class LikelihoodSettings:
     block: float = 1.0  #: approximate duration of the blocks of time, the correlation time of the errors [s].
     turn: float = 0.2  #: largest rotation of a joint in a step [rad].
     #: longest step [s] where a joint is slower than ``slow`` [rad/s] or reverses: dry friction is stiff.
-    fine: float = math.inf
-    slow: float = 0.0  #: speed limit of ``fine`` [rad/s].
+    fine: float = 0.005
+    slow: float = 0.3  #: six widths of the change of sign of dry friction [rad/s].
 
 
 class Series(NamedTuple):
@@ -133,13 +133,13 @@ class FilterData:
         """Return the index of the block of time of a recording that contains each of the times t [s]."""
         return _blocks(self.motions[recording], np.flatnonzero(self.owner == recording), t)
 
-    def torques(self, motions: Sequence[Motion], delay: float) -> Array:
-        """Return mean torques of all steps [N m] with a delay [s], shape (G, S, 2)."""
-        tau = np.zeros((*self.samples.h.shape, 2))
+    def torques(self, motions: Sequence[Motion], delay: float) -> tuple[Array, Array]:
+        """Return the torques of all steps [N m] with a delay [s]: mean, and half of their change, shapes (G, S, 2)."""
+        tau, change = (np.zeros((*self.samples.h.shape, 2)) for _ in range(2))
         for g, each in enumerate(self.series):
-            impulse = motions[each.recording].impulse(each.edges - delay)
-            tau[g, : len(impulse) - 1] = np.diff(impulse, axis=0) / np.diff(each.edges)[:, None]
-        return tau
+            steps = slice(len(each.edges) - 1)
+            tau[g, steps], change[g, steps] = (x.T for x in motions[each.recording].torques(each.edges - delay))
+        return tau, change
 
     def positions(self, calibrated: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Return the initial states and the measured positions, with true angles, shapes (G, 4), (G, S, 2)."""
@@ -186,7 +186,7 @@ def _samples(motions: Sequence[Motion], series: Sequence[Series], quantum: Array
         spread[g, 2:] = (0.1 + 0.1 * motion.states(motion.recorded.t[each.chosen])[2:].std(axis=1)) ** 2
     none = np.empty((0, *h.shape, 2))
     level = np.array([each.level for each in series])
-    return Samples(np.empty((0, filters, 4)), spread, level, length, h, elapsed, none, none, row)
+    return Samples(np.empty((0, filters, 4)), spread, level, length, h, elapsed, none, none, none, row)
 
 
 def _blocks(motion: Motion, blocks: Indices, t: Array) -> Indices:
@@ -349,7 +349,8 @@ class Likelihood:
         start[..., :2] -= own
         y -= own[:, None]
         offset = lanes[self.shared : self.shared + 2]
-        samples = replace(self.filter_data.samples, start=start, tau=np.stack(tau), y=y)
+        mean, change = map(np.stack, zip(*tau, strict=True))
+        samples = replace(self.filter_data.samples, start=start, tau=mean, change=change, y=y)
         vectors = Vectors(
             theta=lanes[:14],
             offset=offset - offset[:, :1],
@@ -360,7 +361,7 @@ class Likelihood:
         )
         return samples, vectors, tuple(term for effect in self.effects for term in effect.terms)
 
-    def _torques(self, delay: float, shapes: Sequence[tuple[Shape, Array]]) -> Array:
+    def _torques(self, delay: float, shapes: Sequence[tuple[Shape, Array]]) -> tuple[Array, Array]:
         """Return the acting torques of all steps with a delay [s], see :meth:`FilterData.torques`."""
 
         def shaped() -> list[Motion]:

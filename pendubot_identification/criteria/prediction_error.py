@@ -32,7 +32,7 @@ from pendubot_identification.trajectories.motion import Motion, root_mean_square
 from .likelihood import FilterData, bounded_step
 
 #: Runge-Kutta step [s], a divisor of all horizons; stiff friction needs substeps.
-STEP = 0.005
+STEP = 0.01
 #: Prediction horizons [s].
 HORIZONS = (0.1, 0.25, 0.5, 1.0)
 #: Time from one start to the next [s].
@@ -66,6 +66,7 @@ class Simulations:
     end: Array  #: smoothed states at every horizon, shape (H, 4, L).
     substeps: int  #: number of parts of :data:`STEP`.
     tau: Array  #: mean torques of every step, shape (2, K, L).
+    change: Array  #: half of the torques' change within each step, shape (2, K, L).
     at: tuple[int, ...]  #: number of steps of each horizon.
 
     @classmethod
@@ -81,7 +82,8 @@ class Simulations:
         """Prepare all simulations whose horizons lie within a recording, with substeps for theta, shape (D,)."""
         parts = substeps(Parameters.from_vector(theta), root_mean_square_torque(motions), STEP)
         at = tuple(round(horizon / STEP) * parts for horizon in horizons)
-        numbers, times, starts, ends, tau = [], [], [], [], []
+        numbers, times, starts, ends, tau, change = [], [], [], [], [], []
+        steps = STEP / parts * np.arange(max(at) + 1)[:, None]
         shifts = np.pad(np.broadcast_to(offset, (len(motions), 2)), ((0, 0), (0, 2)))[:, :, None]
         for number, (motion, shift) in enumerate(zip(motions, shifts, strict=True)):
             first, last = motion.start + max(delay, 0.0), motion.end + min(delay, 0.0) - max(horizons)
@@ -90,7 +92,9 @@ class Simulations:
             times.append(t)
             starts.append(motion.states(t) - shift)
             ends.append([motion.states(t + horizon) - shift for horizon in horizons])
-            tau.append(motion.torques(t - delay, STEP / parts, max(at)))
+            mean, half = motion.torques(t - delay + steps)
+            tau.append(mean)
+            change.append(half)
         return cls(
             np.concatenate(numbers),
             np.concatenate(times),
@@ -98,18 +102,19 @@ class Simulations:
             np.concatenate([np.array(e).reshape(len(at), 4, -1) for e in ends], axis=2),
             parts,
             np.concatenate(tau, axis=2),
+            np.concatenate(change, axis=2),
             at,
         )
 
     def errors(self, theta: Array) -> tuple[Array, Array]:
         """Return the errors at every horizon, shape (H, 4, L), and the states of all steps."""
-        states = roll(theta, self.start, self.tau, STEP / self.substeps)
+        states = roll(theta, self.start, self.tau, STEP / self.substeps, self.change)
         return states[list(self.at)] - self.end, states
 
     def derivatives(self, theta: Array, states: Array) -> Array:
         """Return the errors' derivatives by theta, shape (H, 4, D, L)."""
         every = int(np.gcd.reduce(self.at))
-        by = sensitivities(theta, states, self.tau, STEP / self.substeps, every)
+        by = sensitivities(theta, states, self.tau, STEP / self.substeps, every, self.change)
         return np.asarray(by[[k // every for k in self.at]][:, :, 4:])
 
 

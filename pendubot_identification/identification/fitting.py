@@ -61,11 +61,7 @@ class FittingSettings:
     variance: float = 1.25
     #: least unexplained fraction of the variance of the innovations that shows an effect: 1 - 1 / variance.
     least: float = 0.2
-    fine: float = 0.0005  #: Runge-Kutta step [s] of the exact fit where a joint is slower than ``slow`` [rad/s].
-    slow: float = 0.3  #: six widths of the change of sign of dry friction [rad/s], within which short steps are needed.
-    #: longest step of the exact fit [s] if, by the delay, the torque changes between samples, by more than a tenth of
-    #: this: steps use the mean torque.
-    between: float = 0.001
+    fine: float = 0.0005  #: Runge-Kutta step of the exact fit where a joint is slow or reverses [s].
     #: duration of the excerpt [s] in which faults, hold and effects are searched; all data confirm effects.
     search: float = 150.0
 
@@ -291,13 +287,13 @@ def first_fit(data: TrainingData, progress: Progress) -> LikelihoodFit:
 
 def _stable_step(data: TrainingData, theta: Array) -> float:
     """Return the longest step [s] of the filter that is stable with the dry friction of theta."""
-    step = LikelihoodSettings().step
+    step = LikelihoodSettings().fine
     return step / substeps(Parameters.from_vector(theta), data.effort, step)
 
 
 def _shortest(fine: float, interval: float = LikelihoodSettings().intervals[0]) -> LikelihoodSettings:
     """Return the settings of the shortest interval, with steps of at most ``fine`` [s] near standstill."""
-    return LikelihoodSettings(intervals=(interval,), fine=fine, slow=SETTINGS.slow)
+    return LikelihoodSettings(intervals=(interval,), fine=fine)
 
 
 def _fit_from(data: TrainingData, x: Array, settings: LikelihoodSettings, progress: Progress) -> LikelihoodFit | None:
@@ -384,13 +380,10 @@ def fit_all_samples(
         return None
     before, interval = all_intervals.likelihood, min(m.interval for m in data.motions)
     at = before.before_noise
-    off = abs(math.remainder(all_intervals.x[14], interval)) > SETTINGS.between / 10
     native = LikelihoodSettings(
         intervals=(interval / 2,),
-        step=SETTINGS.between if off else LikelihoodSettings().step,
         freedom=1e9,
         fine=SETTINGS.fine,
-        slow=SETTINGS.slow,
         rest=-1.0,
     )
     # By the delay, torques before and after the recordings act at their ends.

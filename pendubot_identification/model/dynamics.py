@@ -10,7 +10,7 @@ P4 P5 b1 b2, continued by Fc1 Fc2 J2 Fs1 Fs2 k1 k2: D = 7, 9, 10 or 14 parameter
 (:data:`.parameters.MODELS`). motion.h and rollout.c implement the same equations in C.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -172,6 +172,11 @@ def runge_kutta(accelerated: Callable[..., Any], x: Any, h: Any, first: Any = No
         v1 + sixth * (k1 + 2 * (k2 + k3) + k4),
         v2 + sixth * (l1 + 2 * (l2 + l3) + l4),
     )
+
+
+def stages(tau: Array, change: Array) -> Iterator[Array]:
+    """Yield the torque of each stage of a Runge-Kutta step, from its mean and half of its change."""
+    yield from (tau - change, tau, tau, tau + change)
 
 
 def advance(

@@ -18,7 +18,7 @@ typedef struct {
     const int64_t *level, *length; /* (G): index of the noise level, number of steps */
     const double *start, *spread;  /* (tables, G, 4), (G, 4): mean and variance of the initial state */
     const double *h, *elapsed;     /* (G, S): length of each step [s], elapsed fraction of the total duration */
-    const double *tau;             /* (tables, G, S, 2) */
+    const double *tau, *change;    /* (tables, G, S, 2): mean of each step, half of the change within it */
     const double *y;               /* (tables, G, S, 2): measured at the end of the step */
     const int64_t *row;            /* (G, S): index of the innovation, or -1 without a measurement */
     double *e, *s;                 /* (N, 2, L): innovations and their variances */
@@ -95,10 +95,11 @@ INLINE void filter(const Filter *f, int64_t g, int64_t first)
         if (any)
             term[rig.terms++] = (Term){f->kind[k], f->joint[k], f->number[k], c};
     }
-    const double *tau[LANES], *y[LANES];
+    const double *tau[LANES], *change[LANES], *y[LANES];
     for (int w = 0; w < LANES; w++) {
         int64_t entry = f->table[first + (w < count ? w : count - 1)] * f->groups + g;
-        tau[w] = f->tau + entry * f->steps * 2, y[w] = f->y + entry * f->steps * 2;
+        int64_t begin = entry * f->steps * 2;
+        tau[w] = f->tau + begin, change[w] = f->change + begin, y[w] = f->y + begin;
         for (int i = 0; i < 4; i++)
             x[i][w] = f->start[4 * entry + i];
     }
@@ -107,7 +108,10 @@ INLINE void filter(const Filter *f, int64_t g, int64_t first)
     x[0] -= offset[0], x[1] -= offset[1];
     for (int64_t k = 0; k < f->length[g]; k++) {
         for (int w = 0; w < LANES; w++)
-            rig.torque[0][w] = tau[w][2 * k], rig.torque[1][w] = tau[w][2 * k + 1];
+            for (int j = 0; j < 2; j++) {
+                rig.change[j][w] = change[w][2 * k + j];
+                rig.torque[j][w] = tau[w][2 * k + j] - change[w][2 * k + j];
+            }
         rig.elapsed = f->elapsed[at + k];
         predict(&rig, noise, narrow, f->h[at + k], x, p);
         if (f->row[at + k] < 0)

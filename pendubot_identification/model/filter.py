@@ -4,8 +4,8 @@
 """Extended Kalman filters for many recordings and many parameter vectors, in parallel.
 
 The state is (q, q') and M(q) q'' + ... = tau + w, where w is white torque noise of each joint. The measurement is
-q + offset + r, where r is white. The mean is predicted by classic Runge-Kutta steps with the mean torque of each step,
-the covariance by I + h A + h^2 A^2 / 2 with the analytic Jacobian A. The sign of dry friction, tanh(v / width), is
+q + offset + r, where r is white. The mean is predicted by classic Runge-Kutta steps with a linear torque in each, the
+covariance by I + h A + h^2 A^2 / 2 with the analytic Jacobian A. The sign of dry friction, tanh(v / width), is
 linearised statistically (Gelb, Applied Optimal Estimation, 1974, section 6.2). Its width becomes
 sqrt(width^2 + pi / 2 var(v)), so that innovations are smooth functions of the parameters.
 
@@ -15,6 +15,7 @@ The compiled kernel (filter.c) is used if it was built, otherwise numpy; their r
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
@@ -24,7 +25,7 @@ import numpy as np
 from pendubot_identification import kernel as compiled
 from pendubot_identification.arrays import Array, Indices
 
-from .dynamics import NO_TERMS, SIGN_WIDTH, Linearised, accelerations, linearised, product, runge_kutta
+from .dynamics import NO_TERMS, SIGN_WIDTH, Linearised, accelerations, linearised, product, runge_kutta, stages
 
 
 class TermKind(IntEnum):
@@ -88,6 +89,7 @@ class Samples:
     h: Array  #: length of each step [s], shape (G, S).
     elapsed: Array  #: elapsed fraction of the total duration, from -0.5 to 0.5, shape (G, S).
     tau: Array  #: mean torques of each step [N m], shape (T, G, S, 2).
+    change: Array  #: half of the torques' change within each step, if it is linear [N m], shape (T, G, S, 2).
     y: Array  #: measured positions at the end of each step [rad], shape (T, G, S, 2).
     row: Indices  #: index of this measurement, from 0 to N - 1; -1 without a measurement, shape (G, S).
 
@@ -118,7 +120,7 @@ class _Work(ctypes.Structure):
         (name, ctypes.c_void_p)
         for name in (
             *('kind', 'joint', 'number', 'theta', 'width', 'coefficient', 'offset', 'noise', 'table'),
-            *('level', 'length', 'start', 'spread', 'h', 'elapsed', 'tau', 'y', 'row', 'e', 's'),
+            *('level', 'length', 'start', 'spread', 'h', 'elapsed', 'tau', 'change', 'y', 'row', 'e', 's'),
         )
     ]
 
@@ -164,7 +166,8 @@ def _filter(samples: Samples, vectors: Vectors, terms: tuple[Term, ...], e: Arra
     p = np.zeros((4, 4, *x.shape[1:]))
     p[range(4), range(4)] = samples.spread.T[:, :, None]
     for k in range(samples.h.shape[1]):
-        tau, h, elapsed = samples.tau[:, :, k][table].T, samples.h[:, k, None], samples.elapsed[:, k, None]
+        tau, change = samples.tau[:, :, k][table].T, samples.change[:, :, k][table].T
+        h, elapsed, torque = samples.h[:, k, None], samples.elapsed[:, k, None], stages(tau, change)
         width = np.sqrt(vectors.width[:, None] ** 2 + np.pi / 2 * p[[2, 3], [2, 3]])
 
         def torques(x: Any, elapsed: Array = elapsed, width: Array = width) -> Array:
@@ -175,10 +178,10 @@ def _filter(samples: Samples, vectors: Vectors, terms: tuple[Term, ...], e: Arra
                 total[:, term.joint][:, :, lanes] += coefficient * np.array(term.torques(q, v, elapsed, its))
             return total if grouped else NO_TERMS
 
-        def accelerated(x: Any, tau: Array = tau, width: Array = width) -> Any:
-            return accelerations(theta, x, tau, np, torques(x)[0], width)
+        def accelerated(x: Any, torque: Iterator[Array] = torque, width: Array = width) -> Any:
+            return accelerations(theta, x, next(torque), np, torques(x)[0], width)
 
-        at = linearised(theta, x, tau, width, torques(x))
+        at = linearised(theta, x, next(torque), width, torques(x))
         p = _predicted(p, at, intensity, h)
         x = np.array(runge_kutta(accelerated, x, h, at.a))
         measured = np.flatnonzero(samples.row[:, k] >= 0)

@@ -3,7 +3,7 @@
 /* Parallel simulations of the pendubot, see rollout.py. */
 #include "motion.h"
 
-#define VERSION 10 /* of the interface of rollout.c, filter.c and mde.c; kernel.py checks it */
+#define VERSION 11 /* of the interface of rollout.c, filter.c and mde.c; kernel.py checks it */
 #define COLUMNS (4 + PARAMETERS) /* derivatives by the initial state and theta */
 #define TOGETHER 16 /* blocks of lanes with a common loop over the steps, so that their results are adjacent */
 
@@ -13,10 +13,18 @@ INLINE void load_states(const double *from, int64_t stride, int64_t count, vec x
         x[i] = load(from + i * stride, count);
 }
 
-/* states (steps + 1, 4, lanes) of theta (14, lanes), state (4, lanes), tau (2, steps, lanes), for the blocks from
- * begin to end. */
+/* Load the torque at the start of step k, and its change. */
+INLINE void load_torque(Rig *rig, const double *tau, const double *change, int64_t k, int64_t stride, int64_t count)
+{
+    load_states(tau + k, stride, count, rig->torque, 2);
+    load_states(change + k, stride, count, rig->change, 2);
+    rig->torque[0] -= rig->change[0], rig->torque[1] -= rig->change[1];
+}
+
+/* states (steps + 1, 4, lanes) of theta (14, lanes), state (4, lanes), tau and change (2, steps, lanes), for the blocks
+ * from begin to end. */
 EXPORT void pendubot_roll(int64_t begin, int64_t end, int64_t lanes, int64_t steps, double h, const double *theta,
-    const double *state, const double *tau, double *states)
+    const double *state, const double *tau, const double *change, double *states)
 {
     end = BLOCK * end < lanes ? BLOCK * end : lanes;
     for (int64_t first = BLOCK * begin; first < end; first += LANES) {
@@ -30,7 +38,7 @@ EXPORT void pendubot_roll(int64_t begin, int64_t end, int64_t lanes, int64_t ste
                 store(states + (4 * k + i) * lanes + first, x[i], count);
             if (k == steps)
                 break;
-            load_states(tau + k * lanes + first, steps * lanes, count, rig.torque, 2);
+            load_torque(&rig, tau, change, k * lanes + first, steps * lanes, count);
             Point at;
             accelerate(&rig, x, &at);
             runge_kutta(&rig, h, x, at);
@@ -59,13 +67,15 @@ INLINE void by_theta(const Rig *rig, const Point *at, const vec x[4], vec b[2][P
 }
 
 /* Advance the derivatives d of q1, q2, v1, v2 by one Runge-Kutta step from the state x. */
-INLINE void step_sensitivity(const Rig *rig, double h, const vec x[4], vec d[4][COLUMNS])
+INLINE void step_sensitivity(Rig *rig, double h, const vec x[4], vec d[4][COLUMNS])
 {
     vec y[4] = {x[0], x[1], x[2], x[3]}, at[4][COLUMNS], inner[2][COLUMNS] = {}, whole[2][COLUMNS] = {};
     memcpy(at, d, sizeof(at));
     for (int stage = 0; stage < 4; stage++) {
         Point point;
         vec a[2][4], b[2][PARAMETERS], u[2] = {y[2], y[3]};
+        for (int j = 0; j < 2 && stage % 2; j++)
+            rig->torque[j] += rig->change[j];
         accelerate(rig, y, &point);
         by_state(rig, &point, y, a);
         by_theta(rig, &point, y, b);
@@ -94,10 +104,10 @@ INLINE void step_sensitivity(const Rig *rig, double h, const vec x[4], vec d[4][
         }
 }
 
-/* result (steps / every + 1, 4, 18, lanes) of theta (14), states (steps + 1, 4, lanes), tau (2, steps, lanes), for the
- * blocks from begin to end. */
+/* result (steps / every + 1, 4, 18, lanes) of theta (14), states (steps + 1, 4, lanes), tau and change (2, steps,
+ * lanes), for the blocks from begin to end. */
 EXPORT void pendubot_sensitivities(int64_t begin, int64_t end, int64_t lanes, int64_t steps, int64_t every, double h,
-    const double *theta, const double *states, const double *tau, double *result)
+    const double *theta, const double *states, const double *tau, const double *change, double *result)
 {
     end = BLOCK * end < lanes ? BLOCK * end : lanes;
     Rig rig = {.sharpness = {all(1.0 / SIGN_WIDTH), all(1.0 / SIGN_WIDTH)}};
@@ -120,7 +130,7 @@ EXPORT void pendubot_sensitivities(int64_t begin, int64_t end, int64_t lanes, in
                 if (k == steps)
                     continue;
                 load_states(states + 4 * k * lanes + first, lanes, count, x, 4);
-                load_states(tau + k * lanes + first, steps * lanes, count, rig.torque, 2);
+                load_torque(&rig, tau, change, k * lanes + first, steps * lanes, count);
                 step_sensitivity(&rig, h, x, d);
             }
     }

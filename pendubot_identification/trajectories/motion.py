@@ -97,10 +97,16 @@ class Motion:
         """Return q1, q2, q1', q2' at the times t [s], shape (4, ...)."""
         return np.moveaxis(self.smoothed(t), -1, 0)
 
-    def torques(self, start: Array, step: float, steps: int) -> Array:
-        """Return the mean torques [N m] over K consecutive steps from each of L start times [s], shape (2, K, L)."""
-        edges = start + step * np.arange(steps + 1)[:, None]
-        return np.asarray(np.moveaxis(np.diff(self.impulse(edges), axis=0), -1, 0) / step)
+    def torques(self, edges: Array) -> tuple[Array, Array]:
+        """Return the torques [N m] of K steps between times [s], shape (K + 1, ...): mean, and half of their change.
+
+        Both have the shape (2, K, ...). A torque that changes linearly in each step has the recorded impulse, and the
+        same effect on the position at the end of the step.
+        """
+        h, integral = np.diff(edges, axis=0), self.once('integral', self.impulse.antiderivative)
+        impulse, double = (np.moveaxis(function(edges), -1, 0) for function in (self.impulse, integral))
+        change = 3 / h * (impulse[:, 1:] + impulse[:, :-1]) - 6 / h**2 * np.diff(double, axis=1)
+        return np.diff(impulse, axis=1) / h, change
 
 
 def root_mean_square_torque(motions: Sequence[Motion]) -> Array:

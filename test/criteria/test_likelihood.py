@@ -221,7 +221,7 @@ def test_missing_samples_lengthen_the_step_of_the_filter(prepared):
     whole = prepared[0].recorded
     kept = ~((whole.t > 2.0) & (whole.t < 2.09)) & (np.arange(len(whole.t)) % 41 != 40)
     holed = Motion.prepare(whole[kept], 0.05)
-    filter_data = FilterData.of([holed])
+    filter_data = FilterData.of([holed], LikelihoodSettings(step=0.005))
     for g, (*_, edges, _, rows) in enumerate(filter_data.series):
         t = np.append(edges[0], filter_data.t[rows])
         assert np.isin(t, holed.recorded.t).all()
@@ -231,7 +231,7 @@ def test_missing_samples_lengthen_the_step_of_the_filter(prepared):
         assert np.diff(t).max() >= 0.09 - 1e-9
         assert (filter_data.samples.row[g] >= 0).sum() == len(t) - 1
         np.testing.assert_allclose(filter_data.samples.h[g].sum(), t[-1] - t[0])
-    found = fit(*likelihood([holed, prepared[1]], 0.9 * TRUE), iterations=60)
+    found = fit(*likelihood([holed, prepared[1]], 0.9 * TRUE, step=0.005), iterations=60)
     np.testing.assert_allclose(found.x[:5], TRUE[:5], rtol=1e-3)
 
 

@@ -140,7 +140,7 @@ def test_recordings_that_are_shorter_than_the_longest_horizon_are_refused(prepar
         refined(short)
 
 
-@pytest.mark.parametrize(('model', 'delay', 'parts'), [('viscous', 3, 1), ('geared', -5, 2)])
+@pytest.mark.parametrize(('model', 'delay', 'parts'), [('viscous', 3, 1), ('geared', -5, 4)])
 def test_the_true_parameters_predict_exactly_and_others_do_not(model, delay, parts):
     step = STEP / parts
     motions = [exact_motion(vector(model), 450 * parts, step, seed=seed, start=seed, delay=delay) for seed in (1, 2)]

@@ -31,7 +31,7 @@ def samples(groups=3, steps=40, tables=2, every=4, h=0.004, seed=1):
     row[tuple(np.transpose(measured))] = np.arange(len(measured))
     inside = np.arange(steps) < length[:, None]
     start = rng.normal(scale=[1, 1, 3, 3], size=(groups, 4))
-    tau = rng.normal(size=(tables, groups, steps, 2)) * inside[..., None]
+    tau, change = rng.normal(size=(2, tables, groups, steps, 2)) * inside[..., None]
     moved = roll(GEARED, start.T, tau[0].transpose(2, 1, 0), h)[1:, :2].transpose(2, 0, 1)
     return Samples(
         start=start + rng.normal(scale=0.01, size=(tables, groups, 4)),
@@ -41,6 +41,7 @@ def samples(groups=3, steps=40, tables=2, every=4, h=0.004, seed=1):
         h=np.where(inside, h * rng.uniform(0.9, 1.1, (groups, steps)), 0.0),
         elapsed=np.where(inside, np.linspace(-0.5, 0.5, steps), 0.0),
         tau=tau,
+        change=change,
         y=moved + rng.normal(scale=1e-3, size=(tables, groups, steps, 2)),
         row=row,
     )
@@ -117,6 +118,7 @@ def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
         spread=np.array([[1.0, 2.0, 3.0, 4.0]]) * tiny**2,
         h=np.full((1, 400), h),
         tau=tiny * read.tau,
+        change=tiny * read.change,
         y=np.array([-np.pi / 2, 0]) + tiny * np.random.default_rng(4).normal(size=(1, 1, 400, 2)),
     )
     noise = np.array([1.0, 2.0, 3e-3, 4e-3]) * tiny**2
@@ -130,15 +132,16 @@ def test_a_linear_rig_has_the_innovations_of_a_kalman_filter():
     A[2:, :2] = -np.linalg.solve(M, np.diag([theta[3] * GRAVITY, 0.0]))
     A[2:, 2:] = -np.linalg.solve(M, np.diag(theta[5:7]))
     B[2:] = np.linalg.inv(M)
-    steps = expm(h * np.block([[A, B], [np.zeros((2, 6))]]))
-    F, G = steps[:4, :4], steps[:4, 4:]
+    ramp = np.block([[A, B, np.zeros((4, 2))], [np.zeros((2, 6)), np.eye(2)], [np.zeros((2, 8))]])
+    F, G, G_rate = np.split(expm(h * ramp)[:4], [4, 6], axis=1)
     loan = expm(h * np.block([[-A, B @ np.diag(noise[2:]) @ B.T], [np.zeros((4, 4)), A.T]]))
     Q = loan[4:, 4:].T @ loan[:4, 4:]
     rest = np.array([-np.pi / 2, 0, 0, 0])
     x, P, R, H = read.start[0, 0] - rest, np.diag(read.spread[0]), np.diag(noise[:2]), np.eye(2, 4)
     expected = []
     for k in range(400):
-        x, P = F @ x + G @ read.tau[0, 0, k], F @ P @ F.T + Q
+        tau, change = read.tau[0, 0, k], read.change[0, 0, k]
+        x, P = F @ x + G @ (tau - change) + G_rate @ (2 * change / h), F @ P @ F.T + Q
         if read.row[0, k] >= 0:
             S, innovation = H @ P @ H.T + R, read.y[0, 0, k] - rest[:2] - x[:2]
             lower = np.linalg.cholesky(S)

@@ -88,10 +88,10 @@ def test_the_simulation_is_a_rollout_from_measured_states_with_the_recorded_torq
     assert picture.about == {'validation': True, 'ahead': 1.0, 'part': ''}
     t, steps = np.array(picture.content.panels[0]['t']), round(1 / STEP)
     states = prepared.validating[0].states(t)
-    tau = prepared.validating[0].torques(t[:1] - result.effort.delay, STEP, len(t) - 1)[:, :, 0]
+    tau, change = prepared.validating[0].torques(t - result.effort.delay)
     begins = np.arange(0, states.shape[1] - 1, steps)
-    torques = np.stack([tau[:, b : b + steps] for b in begins], axis=2)
-    expected = roll(result.theta.vector(), states[:, begins], torques, STEP)
+    torques, changes = (np.stack([each[:, b : b + steps] for b in begins], axis=2) for each in (tau, change))
+    expected = roll(result.theta.vector(), states[:, begins], torques, STEP, changes)
     for k, (measured, simulated, dots) in enumerate(lines(picture)[:4]):
         np.testing.assert_allclose(measured, states[k], atol=1e-3)
         assert np.flatnonzero(np.isfinite(dots)).tolist() == begins.tolist()

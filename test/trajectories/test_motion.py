@@ -58,15 +58,16 @@ def stamped_torques(draw):
     return Trajectory(t, rng.normal(size=(count, 2)), rng.normal(scale=3, size=(count, 2)))
 
 
-def impulse(trajectory, hold, begin, end):
-    """Return the integral of the torques, interval by interval."""
+def integrals(trajectory, hold, begin, end):
+    """Return the integral of the torques, and its integral, interval by interval."""
     t, tau = trajectory.t, trajectory.tau
-    total = np.zeros(2)
+    total = np.zeros((2, 2))
     for k in range(len(t) - 1):
         a, b = max(begin, t[k]), min(end, t[k + 1])
         if a < b:
-            change = tau[k + 1] - tau[k] if hold == 'linear' else np.zeros(2)
-            total += (b - a) * (tau[k] + change * ((a + b) / 2 - t[k]) / (t[k + 1] - t[k]))
+            slope = (tau[k + 1] - tau[k] if hold == 'linear' else np.zeros(2)) / (t[k + 1] - t[k])
+            pushed = (b - a) * (tau[k] + slope * ((a + b) / 2 - t[k]))
+            total += pushed, pushed * (end - (a + b) / 2) - slope * (b - a) ** 3 / 12
     return total
 
 
@@ -77,14 +78,17 @@ def impulse(trajectory, hold, begin, end):
     st.floats(1e-4, 0.02),
     st.integers(1, 15),
 )
-def test_mean_torques_over_steps_conserve_the_impulse(trajectory, hold, shifts, step, steps):
+def test_linear_torques_in_steps_conserve_impulse_and_displacement(trajectory, hold, shifts, step, steps):
     prepared = Motion.prepare(trajectory, smoothing=0.0, hold=hold)
     starts = prepared.start + 0.01 + np.array(shifts)
-    torques = prepared.torques(starts, step, steps)
+    torques, change = prepared.torques(starts + step * np.arange(steps + 1)[:, None])
     for lane, start in enumerate(starts):
         for last in {1, steps}:
-            expected = impulse(trajectory, hold, start, start + last * step)
+            expected, _ = integrals(trajectory, hold, start, start + last * step)
             np.testing.assert_allclose(torques[:, :last, lane].sum(axis=1) * step, expected, atol=1e-11)
+            _, expected = integrals(trajectory, hold, start + (last - 1) * step, start + last * step)
+            found = (torques / 2 - change / 6)[:, last - 1, lane] * step**2
+            np.testing.assert_allclose(found, expected, atol=1e-11)
 
 
 def test_a_part_of_a_motion_has_the_same_states_and_torques():
@@ -95,7 +99,8 @@ def test_a_part_of_a_motion_has_the_same_states_and_torques():
     np.testing.assert_allclose(part.recorded.t, t[50:])
     at = np.linspace(3.495, 4.5, 7)
     np.testing.assert_array_equal(part.states(at), whole.states(at))
-    np.testing.assert_array_equal(part.torques(at[:3], 0.003, 20), whole.torques(at[:3], 0.003, 20))
+    edges = at[:3] + 0.003 * np.arange(21)[:, None]
+    np.testing.assert_array_equal(part.torques(edges), whole.torques(edges))
 
 
 @pytest.mark.parametrize('hold', ['zero', 'linear'])
