@@ -21,6 +21,7 @@ from pendubot_identification.arrays import Array, Flags
 from pendubot_identification.criteria.likelihood import SHARED, FilterData, LikelihoodFit, bounded_step
 from pendubot_identification.criteria.prediction_error import refine
 from pendubot_identification.errors import TrajectoryError
+from pendubot_identification.level import NORMAL_95
 from pendubot_identification.model.parameters import MODELS, repaired
 
 from .conventions import Fault, corrected_conversion, sound
@@ -308,7 +309,7 @@ def _completed(
 
 
 def _best_hold(data: TrainingData, rough: LikelihoodFit, progress: Progress) -> tuple[TrainingData, LikelihoodFit]:
-    """Return the data and their fit with the likelier hold of the torque."""
+    """Return the data and their fit with a held torque, unless a measured one is significantly likelier (Vuong)."""
     if data.settings.hold != 'auto' or max(m.interval for m in data.motions) <= SETTINGS.held_step:
         return data, rough
     other = data.held('linear' if data.hold == 'zero' else 'zero')
@@ -319,7 +320,9 @@ def _best_hold(data: TrainingData, rough: LikelihoodFit, progress: Progress) -> 
         tried = refit(other, rough, x, progress)
     except FloatingPointError:  # the filter diverges with the other hold
         return data, rough
-    return (other, tried) if tried.evaluation.cost < rough.evaluation.cost else (data, rough)
+    zero, linear = (rough, tried) if data.hold == 'zero' else (tried, rough)
+    chosen = 'linear' if vuong(zero.evaluation.costs - linear.evaluation.costs, 0.0) > NORMAL_95 else 'zero'
+    return (data, rough) if data.hold == chosen else (other, tried)
 
 
 def _sized(found: Sequence[DetectedEffect], x: Array) -> tuple[DetectedEffect, ...]:
