@@ -85,7 +85,7 @@ def identify(
     """
     report = progress or (lambda activity, done, total, best: None)
     report('preparing', 0, 0, math.nan)
-    prepared, others = _prepared(training, validation, settings or Settings())
+    prepared, others = prepare(training, validation, settings or Settings())
     report('checking signs, zeros and stamps', 0, 0, math.nan)
     detected = detect_faults(prepared.excerpt().motions, prepared.settings)
     composite = fitted(prepared, detected, report) if 'likelihood' in prepared.settings.criteria else None
@@ -119,22 +119,14 @@ def identify(
     )
 
 
-def check(
-    training: Sequence[Trajectory], validation: Sequence[Trajectory] = (), settings: Settings | None = None
-) -> tuple[Fault, ...]:
-    """Return the faults of the recordings' conventions, as :func:`identify` before the fit.
+def prepare(
+    training: Sequence[Trajectory], validation: Sequence[Trajectory], settings: Settings
+) -> tuple[TrainingData, list[Trajectory]]:
+    """Require informative and plausible motion; return smoothed training, and validation data with even stamps.
 
     Raises:
         TrajectoryError, ExcitationError: as :func:`identify`.
     """
-    data, _ = _prepared(training, validation, settings or Settings())
-    return detect_faults(data.motions, data.settings)
-
-
-def _prepared(
-    training: Sequence[Trajectory], validation: Sequence[Trajectory], settings: Settings
-) -> tuple[TrainingData, list[Trajectory]]:
-    """Require informative and plausible motion; return smoothed training, and validation data with even stamps."""
     motions, others = ([evenly_stamped(motion.require_samples()) for motion in part] for part in (training, validation))
     require_excitation(motions, settings)
     data = TrainingData.prepare(motions, settings.of_rig(motions))

@@ -9,13 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pendubot_identification.errors import ExcitationError, PendubotError
-from pendubot_identification.identification.pipeline import check
+from pendubot_identification.identification.conventions import MODEL, detect_faults
+from pendubot_identification.identification.pipeline import prepare
 from pendubot_identification.identification.settings import Settings
+from pendubot_identification.identification.validation import contradictions, stillness
 from pendubot_identification.level import Level
 from pendubot_identification.recordings.datasets import Datasets
 from pendubot_identification.recordings.survey import regularity
 from pendubot_identification.trajectories.conversion import Conversion
 from pendubot_identification.trajectories.data_checks import CHECKS
+from pendubot_identification.trajectories.motion import Motion
 from pendubot_identification.trajectories.trajectory import Trajectory
 
 
@@ -71,7 +74,11 @@ def _of_samples(motions: Sequence[Trajectory]) -> Iterator[Finding]:
 def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
     """Yield the findings on the conventions of the recordings and on their excitation."""
     try:
-        faults = check(data.training, data.validation, settings)
+        training, others = prepare(data.training, data.validation, settings)
+        validation = [Motion.prepare(motion, training.smoothing) for motion in others if not stillness(motion)]
+        delay = training.linear('weak', MODEL).delay
+        odd = list(contradictions([*training.motions, *validation], MODEL, delay, training.settings))
+        faults = detect_faults(training.motions, training.settings)
     except PendubotError as error:
         # Options can correct speeds beyond all limits, but no gap.
         check_of = 'excitation' if isinstance(error, ExcitationError) else 'limits' if error.remedy else 'gaps'
@@ -80,7 +87,8 @@ def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
     for fault in faults:
         corrected = fault.corrected_conversion
         yield Finding('conventions', fault.level, fault.sentence, corrected.words() if corrected else {})
-    if not faults:
+    yield from (Finding('conventions', Level.WARN, sentence) for sentence in odd)
+    if not faults and not odd:
         yield Finding('conventions', Level.OK, 'signs, order, zeros and units fit the equations of motion')
     moved = np.max([np.ptp(motion.q, axis=0) for motion in data.training], axis=0)
     text = f'the joints move over {moved[0]:.3g} and {moved[1]:.3g} rad, and all parameters are identifiable'
