@@ -82,7 +82,7 @@ class Simulations:
         """Prepare all simulations whose horizons lie within a recording, with substeps for theta, shape (D,)."""
         parts = substeps(Parameters.from_vector(theta), root_mean_square_torque(motions), STEP)
         at = tuple(round(horizon / STEP) * parts for horizon in horizons)
-        numbers, times, starts, ends, tau, change = [], [], [], [], [], []
+        numbers, times, starts, ends, torques = [], [], [], [], []
         steps = STEP / parts * np.arange(max(at) + 1)[:, None]
         shifts = np.pad(np.broadcast_to(offset, (len(motions), 2)), ((0, 0), (0, 2)))[:, :, None]
         for number, (motion, shift) in enumerate(zip(motions, shifts, strict=True)):
@@ -92,17 +92,16 @@ class Simulations:
             times.append(t)
             starts.append(motion.states(t) - shift)
             ends.append([motion.states(t + horizon) - shift for horizon in horizons])
-            mean, half = motion.torques(t - delay + steps)
-            tau.append(mean)
-            change.append(half)
+            torques.append(motion.torques(t - delay + steps))
+        tau, change = (np.concatenate(each, axis=2) for each in zip(*torques, strict=True))
         return cls(
             np.concatenate(numbers),
             np.concatenate(times),
             np.concatenate(starts, axis=1),
             np.concatenate([np.array(e).reshape(len(at), 4, -1) for e in ends], axis=2),
             parts,
-            np.concatenate(tau, axis=2),
-            np.concatenate(change, axis=2),
+            tau,
+            change,
             at,
         )
 
