@@ -22,7 +22,8 @@ from pendubot_identification.trajectories.motion import Motion
 from test.identification.test_assessment import GOOD
 from test.identification.test_unmodelled import ANOTHER
 from test.real import recorded
-from test.virtual import C1, CHAOTIC, GEARED, STIFF, exact_motion, recording
+from test.simulated_rig import Rig, record
+from test.virtual import C1, CHAOTIC, GEARED, STIFF, exact_motion, recording, trajectory
 
 TRUTH = PAPER.vector()
 #: Fast settings.
@@ -173,6 +174,12 @@ def test_a_measured_torque_gives_the_first_order_hold():
     assert result.best.effort.hold == 'linear'
     assert 'torque measured at its samples' in ' '.join(result.best.steps)
     assert error(result.best) < 0.02
+
+
+def test_a_held_torque_is_not_taken_for_a_measured_one():
+    """At 200 Hz a measured torque that acts half a sample later fits as well, here even better."""
+    (run,) = record([0], [Rig(stribeck=1.0)])
+    assert identify([trajectory(run)]).best.effort.hold == 'zero'
 
 
 def test_a_delay_gives_a_warning_unless_it_is_declared():
