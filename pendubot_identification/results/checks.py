@@ -76,7 +76,7 @@ def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
     try:
         training, others = prepare(data.training, data.validation, settings)
         validation = [Motion.prepare(motion, training.smoothing) for motion in others if not stillness(motion)]
-        delay = training.linear('weak', MODEL).delay
+        delay = training.settings.least_delay
         odd = list(contradictions([*training.motions, *validation], MODEL, delay, training.settings))
         faults = detect_faults(training.motions, training.settings)
     except PendubotError as error:
