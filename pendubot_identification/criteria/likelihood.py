@@ -520,11 +520,11 @@ def fit(
         step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
         # Damping hides the gain along a direction of small curvature, such as the scale of the elbow's equation.
         while gain < tolerance and damping > LEAST_DAMPING and not rejected:
-            damping *= 0.2
+            damping *= 0.01
             step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
         if gain < tolerance or rejected == 12:
             break
-        trial = repaired(x + step)
+        trial = repaired(np.clip(x + step, lower, upper))  # a sum at a bound may lie beyond it by a rounding error
         after = likelihood.evaluate(trial)
         moved, rise, better = trial - x, after.cost - now.cost, after.cost < now.cost - 0.01 * gain
         if np.isfinite(after.cost):

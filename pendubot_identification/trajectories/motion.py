@@ -103,10 +103,15 @@ class Motion:
         Both have the shape (2, K, ...). A torque that changes linearly in each step has the recorded impulse, and the
         same effect on the position at the end of the step.
         """
-        h, integral = np.diff(edges, axis=0), self.once('integral', self.impulse.antiderivative)
-        impulse, double = (np.moveaxis(function(edges), -1, 0) for function in (self.impulse, integral))
+        h, integrals = np.diff(edges, axis=0), self.once('integrals', self._integrals)
+        impulse, double = np.moveaxis(integrals(edges), -1, 0).reshape(2, 2, *edges.shape)
         change = 3 / h * (impulse[:, 1:] + impulse[:, :-1]) - 6 / h**2 * np.diff(double, axis=1)
         return np.diff(impulse, axis=1) / h, change
+
+    def _integrals(self) -> PPoly:
+        """Return the integrals of both torques, and the integrals of these, as one function of time."""
+        single, double = np.pad(self.impulse.c, ((1, 0), (0, 0), (0, 0))), self.impulse.antiderivative().c
+        return PPoly(np.concatenate([single, double], axis=2), self.impulse.x)
 
 
 def root_mean_square_torque(motions: Sequence[Motion]) -> Array:
