@@ -138,7 +138,7 @@ class FilterData:
         tau, change = (np.zeros((*self.samples.h.shape, 2)) for _ in range(2))
         for g, each in enumerate(self.series):
             steps = slice(len(each.edges) - 1)
-            tau[g, steps], change[g, steps] = (x.T for x in motions[each.recording].torques(each.edges - delay))
+            tau[g, steps], change[g, steps] = motions[each.recording].torques(each.edges - delay)
         return tau, change
 
     def positions(self, calibrated: Callable[[Array], Array]) -> tuple[Array, Array]:

@@ -93,7 +93,7 @@ class Simulations:
             starts.append(motion.states(t) - shift)
             ends.append([motion.states(t + horizon) - shift for horizon in horizons])
             torques.append(motion.torques(t - delay + steps))
-        tau, change = (np.concatenate(each, axis=2) for each in zip(*torques, strict=True))
+        tau, change = (np.moveaxis(np.concatenate(each, axis=1), -1, 0) for each in zip(*torques, strict=True))
         return cls(
             np.concatenate(numbers),
             np.concatenate(times),

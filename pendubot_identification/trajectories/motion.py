@@ -100,13 +100,13 @@ class Motion:
     def torques(self, edges: Array) -> tuple[Array, Array]:
         """Return the torques [N m] of K steps between times [s], shape (K + 1, ...): mean, and half of their change.
 
-        Both have the shape (2, K, ...). A torque that changes linearly in each step has the recorded impulse, and the
+        Both have the shape (K, ..., 2). A torque that changes linearly in each step has the recorded impulse, and the
         same effect on the position at the end of the step.
         """
-        h, integrals = np.diff(edges, axis=0), self.once('integrals', self._integrals)
-        impulse, double = np.moveaxis(integrals(edges), -1, 0).reshape(2, 2, *edges.shape)
-        change = 3 / h * (impulse[:, 1:] + impulse[:, :-1]) - 6 / h**2 * np.diff(double, axis=1)
-        return np.diff(impulse, axis=1) / h, change
+        per_step = 1 / np.diff(edges, axis=0)[..., None]
+        impulse, double = np.split(self.once('integrals', self._integrals)(edges), 2, axis=-1)
+        mean, mean_impulse = np.diff(impulse, axis=0) * per_step, np.diff(double, axis=0) * per_step
+        return mean, 3 * per_step * (impulse[1:] + impulse[:-1] - 2 * mean_impulse)
 
     def _integrals(self) -> PPoly:
         """Return the integrals of both torques, and the integrals of these, as one function of time."""

@@ -90,7 +90,7 @@ def test_the_simulation_is_a_rollout_from_measured_states_with_the_recorded_torq
     states = prepared.validating[0].states(t)
     tau, change = prepared.validating[0].torques(t - result.effort.delay)
     begins = np.arange(0, states.shape[1] - 1, steps)
-    torques, changes = (np.stack([each[:, b : b + steps] for b in begins], axis=2) for each in (tau, change))
+    torques, changes = (np.stack([each[b : b + steps].T for b in begins], axis=2) for each in (tau, change))
     expected = roll(result.theta.vector(), states[:, begins], torques, STEP, changes)
     for k, (measured, simulated, dots) in enumerate(lines(picture)[:4]):
         np.testing.assert_allclose(measured, states[k], atol=1e-3)
