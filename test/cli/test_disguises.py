@@ -130,10 +130,10 @@ def test_a_wrong_zero_that_stops_the_filter_is_named_and_a_rest_is_located(run, 
     assert 'resting.csv, 0 to 2.995 s: the joints moved by only' in run(*command, tmp_path / 'resting.csv')[2]
 
 
-def test_the_check_names_the_one_recording_that_differs(run, tmp_path):
-    motions = [trajectory(each) for each in record(range(3), [Rig()] * 3)]
-    for k, motion in enumerate(motions):
-        (tmp_path / f'take {k}.csv').write_text(csv(motion, convert=lambda q, k=k: q * [1, -1 if k == 1 else 1]))
+def test_the_check_names_the_one_recording_that_differs(motion, run, tmp_path):
+    for k in range(3):
+        part = motion[300 * k : 300 * (k + 1)]
+        (tmp_path / f'take {k}.csv').write_text(csv(part, convert=lambda q, k=k: q * [1, -1 if k == 1 else 1]))
     _, out, _ = run('identify', *(tmp_path / f'take {k}.csv' for k in range(3)), '--check')
     message = ' '.join(out.split())
     assert 'take 1.csv contradicts the other recordings' in message

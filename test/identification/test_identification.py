@@ -22,8 +22,7 @@ from pendubot_identification.trajectories.motion import Motion
 from test.identification.test_assessment import GOOD
 from test.identification.test_unmodelled import ANOTHER
 from test.real import recorded
-from test.simulated_rig import Rig, record
-from test.virtual import C1, CHAOTIC, GEARED, STIFF, exact_motion, recording, trajectory
+from test.virtual import C1, CHAOTIC, GEARED, STIFF, exact_motion, recording
 
 TRUTH = PAPER.vector()
 #: Fast settings.
@@ -178,8 +177,7 @@ def test_a_measured_torque_gives_the_first_order_hold():
 
 def test_a_held_torque_is_not_taken_for_a_measured_one():
     """At 200 Hz a measured torque that acts half a sample later fits as well, here even better."""
-    (run,) = record([0], [Rig(stribeck=1.0)])
-    assert identify([trajectory(run)]).best.effort.hold == 'zero'
+    assert identify([recording(400, 0.005, seed=2)]).best.effort.hold == 'zero'
 
 
 def test_a_delay_gives_a_warning_unless_it_is_declared():
