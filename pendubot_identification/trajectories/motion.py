@@ -103,9 +103,9 @@ class Motion:
         Both have the shape (K, ..., 2). A torque that changes linearly in each step has the recorded impulse, and the
         same effect on the position at the end of the step.
         """
-        per_step = 1 / np.diff(edges, axis=0)[..., None]
-        impulse, double = np.split(self.once('integrals', self._integrals)(edges), 2, axis=-1)
-        mean, mean_impulse = np.diff(impulse, axis=0) * per_step, np.diff(double, axis=0) * per_step
+        per_step, integrals = 1 / np.diff(edges, axis=0)[..., None], self.once('integrals', self._integrals)(edges)
+        mean, mean_impulse = np.split(np.diff(integrals, axis=0) * per_step, 2, axis=-1)
+        impulse = integrals[..., :2]
         return mean, 3 * per_step * (impulse[1:] + impulse[:-1] - 2 * mean_impulse)
 
     def _integrals(self) -> PPoly:
