@@ -81,7 +81,7 @@ def weak_regression(
     """
     test_functions = _TestFunctions.cover(motion, stride, delay, delay, coarse)
     factors = np.reshape(weights, (-1, 1))
-    rows = _WeakResiduals(motion, test_functions, len(factors)).rows(delay) * factors
+    rows = _WeakResiduals(motion, test_functions).rows(delay)[:, : len(factors)] * factors
     weighted = rows.reshape(-1, rows.shape[2])
     return Regression(weighted[:, : MODELS[model]], weighted[:, -1], np.repeat(test_functions.centres, len(factors)))
 
@@ -191,9 +191,9 @@ class _TestFunctions:
         """The middle of each test function [s], shape (K,)."""
         return self.nodes[:: self.stride][: len(self)] + len(self.weights) * self.step / 2
 
-    def columns(self, cells: dict[tuple[int, int], Array], shape: tuple[int, int]) -> Array:
-        """Return the weighted sums, shape (K, *shape), of cells, shape (cells,), by residual and column."""
-        result, (residual, column) = np.zeros((len(self), *shape)), zip(*cells, strict=True)
+    def columns(self, cells: dict[tuple[int, int], Array], count: int) -> Array:
+        """Return the weighted sums, shape (K, 3, count), of cells, shape (cells,), by residual and column."""
+        result, (residual, column) = np.zeros((len(self), 3, count)), zip(*cells, strict=True)
         result[:, residual, column] = self._sums(list(cells.values()))
         return result
 
@@ -214,14 +214,13 @@ class _TestFunctions:
 
 
 class _WeakResiduals:
-    """The first R of three weak-form residuals of a motion under K test functions, for any input delay.
+    """The three weak-form residuals of a motion under K test functions, for the largest model and any input delay.
 
-    They have the columns of the largest model. Those that do not depend on a torque are computed once.
+    Columns that do not depend on a torque are computed once.
     """
 
-    def __init__(self, motion: Motion, test_functions: _TestFunctions, residuals: int = 3) -> None:
+    def __init__(self, motion: Motion, test_functions: _TestFunctions) -> None:
         self._impulse, self._test_functions, self._nodes = motion.impulse, test_functions, test_functions.nodes
-        self._residuals = residuals
         self._r_factors: dict[float, Array] = {}
         states = np.ascontiguousarray(motion.states(self._nodes))
         q, v = states[:2], states[2:]
@@ -231,17 +230,15 @@ class _WeakResiduals:
         sign, stribeck, _ = np.moveaxis(dry_friction_terms(v, np.zeros_like(v)), -1, 0)
         # By residual and column: every residual is "change of a function of the state = integral of a rate".
         change = {(0, 0): v1, (0, 1): v12, (1, 1): v12, (0, 2): c2 * (v1 + v12), (1, 2): c2 * v1, (1, 9): v2}
-        if residuals == 3:
-            change |= {(2, k): term for k, term in enumerate(energy_terms(q.T, v.T).T)} | {(2, 9): v2**2 / 2}
+        change |= {(2, k): term for k, term in enumerate(energy_terms(q.T, v.T).T)} | {(2, 9): v2**2 / 2}
         rates = {(1, 2): np.sin(q2) * v1 * v12, (0, 3): GRAVITY * np.cos(q1), (0, 4): gravity, (1, 4): gravity}
         for first, friction in ((5, v), (7, sign), (10, stribeck)):
             rates |= {(joint, first + joint): friction[joint] for joint in (0, 1)}
-            rates |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1) if residuals == 3}
-        shape = residuals, STILL
-        #: The columns that do not depend on a torque, shape (K, R, STILL).
-        self._fixed = test_functions.columns({place: np.diff(values) for place, values in change.items()}, shape)
+            rates |= {(2, first + joint): friction[joint] * v[joint] for joint in (0, 1)}
+        #: The columns that do not depend on a torque, shape (K, 3, STILL).
+        self._fixed = test_functions.columns({place: np.diff(values) for place, values in change.items()}, STILL)
         self._fixed += test_functions.columns(
-            {place: _means(values) * test_functions.step for place, values in rates.items()}, shape
+            {place: _means(values) * test_functions.step for place, values in rates.items()}, STILL
         )
         self._sign, self._sign_speed = _means(sign), _means(sign * v)
         self._angles = PPoly(np.ascontiguousarray(motion.smoothed.c[:, :, :2]), motion.smoothed.x)
@@ -265,11 +262,11 @@ class _WeakResiduals:
         return basis, r_factor
 
     def rows(self, delay: float) -> Array:
-        """Return the columns of all parameters and the right-hand side, shape (K, R, 15)."""
+        """Return the columns of all parameters and the right-hand side, shape (K, 3, 15)."""
         return np.concatenate([self._fixed, self._torque_columns(delay)], axis=2)
 
     def _torque_columns(self, delay: float) -> Array:
-        """Return the columns of k1 and k2, and the impulse and work of the torques, shape (K, R, 3).
+        """Return the columns of k1 and k2, and the impulse and work of the torques, shape (K, 3, 3).
 
         A torque may change within a cell. Therefore impulse and work are summed between its changes: a held torque does
         the work tau (q[end] - q[start]), independent of the motion in between.
@@ -279,15 +276,12 @@ class _WeakResiduals:
         edges = np.sort(np.concatenate([nodes, changes[(changes > nodes[0]) & (changes < nodes[-1])]]), kind='stable')
         edges = edges[np.append(True, edges[1:] > edges[:-1])]
         pushes = np.diff(impulse(edges - delay).T)
-        rows = [*np.abs(pushes), *pushes]
-        if self._residuals == 3:
-            rows.append((pushes / np.diff(edges) * np.diff(self._angles(edges).T)).sum(axis=0))
-        loads, done = np.split(np.add.reduceat(rows, np.searchsorted(edges, nodes[:-1]), axis=1), [2])
-        columns = {(residual, 2): each for residual, each in enumerate(done)}
-        columns |= {(joint, joint): self._sign[joint] * load for joint, load in enumerate(loads)}
-        if self._residuals == 3:
-            columns |= {(2, joint): self._sign_speed[joint] * load for joint, load in enumerate(loads)}
-        return self._test_functions.columns(columns, (self._residuals, 3))
+        work = (pushes / np.diff(edges) * np.diff(self._angles(edges).T)).sum(axis=0)
+        cells = np.add.reduceat([*pushes, work, *np.abs(pushes)], np.searchsorted(edges, nodes[:-1]), axis=1)
+        columns = {(residual, 2): cells[residual] for residual in range(3)}
+        for joint, load in enumerate(cells[3:]):
+            columns |= {(joint, joint): self._sign[joint] * load, (2, joint): self._sign_speed[joint] * load}
+        return self._test_functions.columns(columns, 3)
 
 
 def _by_equation(rows: Array) -> Array:
