@@ -113,7 +113,7 @@ typedef struct {
 typedef struct {
     vec p[PARAMETERS];
     vec sharpness[2]; /* 1 / width of the change of sign of dry friction, each joint [s/rad] */
-    vec torque[2]; /* at the start of a step */
+    vec torque[2]; /* at the current stage of a step */
     vec change[2]; /* of the torque in half a step */
     int64_t terms;
     const Term *term;
@@ -202,13 +202,19 @@ INLINE void by_state(const Rig *rig, const Point *at, const vec x[4], vec a[2][4
         a[0][k] = at->i11 * h1[k] - at->i12 * h2[k], a[1][k] = at->i22 * h2[k] - at->i12 * h1[k];
 }
 
+/* Advance the torque from the stage before: the second and third stage are in the middle of a step. */
+INLINE void advance_torque(Rig *rig, int stage)
+{
+    if (stage == 1 || stage == 3)
+        rig->torque[0] += rig->change[0], rig->torque[1] += rig->change[1];
+}
+
 /* Advance the state and the torque by one classic Runge-Kutta step; `at`: the point of the state. */
 INLINE void runge_kutta(Rig *rig, double h, vec x[4], Point at)
 {
     vec y[4] = {x[0], x[1], x[2], x[3]}, k1[4], k2[4], sum1 = {}, sum2 = {};
     for (int stage = 0; stage < 4; stage++) {
-        for (int j = 0; j < 2 && stage % 2; j++)
-            rig->torque[j] += rig->change[j];
+        advance_torque(rig, stage);
         if (stage > 0)
             accelerate(rig, y, &at);
         double part = stage < 2 ? h / 2 : h;

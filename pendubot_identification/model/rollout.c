@@ -74,8 +74,7 @@ INLINE void step_sensitivity(Rig *rig, double h, const vec x[4], vec d[4][COLUMN
     for (int stage = 0; stage < 4; stage++) {
         Point point;
         vec a[2][4], b[2][PARAMETERS], u[2] = {y[2], y[3]};
-        for (int j = 0; j < 2 && stage % 2; j++)
-            rig->torque[j] += rig->change[j];
+        advance_torque(rig, stage);
         accelerate(rig, y, &point);
         by_state(rig, &point, y, a);
         by_theta(rig, &point, y, b);
