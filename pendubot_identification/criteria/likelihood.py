@@ -93,7 +93,8 @@ class FilterData:
     def of(cls, motions: Sequence[Motion], settings: LikelihoodSettings | None = None) -> FilterData:
         """Sample recordings at all intervals."""
         settings = settings or LikelihoodSettings()
-        quantum = np.sqrt(12 * quantization(motions))
+        variance = quantization(motions)
+        still = settings.rest * np.sqrt(12 * variance)
         owner = np.repeat(np.arange(len(motions)), [max(1, round((m.end - m.start) / settings.block)) for m in motions])
         series, weight, times, block, row = [], [], [], [], 0
         for level, interval in enumerate(settings.intervals):
@@ -102,7 +103,7 @@ class FilterData:
                 t = motion.recorded.t[chosen]
                 edges, last = _steps(motion, chosen, settings)
                 series.append(Series(level, number, chosen, edges, last, slice(row, row + len(last))))
-                weight.append(~_at_rest(motion, settings.rest * quantum, settings.still)[chosen[1:]])
+                weight.append(~_at_rest(motion, still, settings.still)[chosen[1:]])
                 times.append(t[1:])
                 block.append(_blocks(motion, np.flatnonzero(owner == number), t[1:]))
                 row += len(last)
@@ -110,12 +111,12 @@ class FilterData:
             motions=tuple(motions),
             settings=settings,
             series=tuple(series),
-            samples=_samples(motions, series, quantum),
+            samples=_samples(motions, series, variance),
             weight=np.concatenate(weight).astype(float),
             t=np.concatenate(times),
             block=np.concatenate(block),
             owner=owner,
-            quantization=quantization(motions),
+            quantization=variance,
         )
 
     @property
@@ -172,11 +173,11 @@ def _steps(motion: Motion, chosen: Indices, settings: LikelihoodSettings) -> tup
     return edges, np.cumsum(count) - 1
 
 
-def _samples(motions: Sequence[Motion], series: Sequence[Series], quantum: Array) -> Samples:
-    """Return the inputs of all filters without states, torques and positions."""
+def _samples(motions: Sequence[Motion], series: Sequence[Series], variance: Array) -> Samples:
+    """Return the inputs of all filters without states, torques and positions; ``variance``: of the first positions."""
     filters, length = len(series), np.array([len(each.edges) - 1 for each in series])
     h, elapsed, row = (np.full((filters, length.max()), fill) for fill in (0.0, 0.0, -1))
-    spread = np.tile(np.maximum(quantum**2 / 12, 1e-10), (filters, 2))
+    spread = np.tile(np.maximum(variance, 1e-10), (filters, 2))
     ends = np.cumsum([0.0, *(m.end - m.start for m in motions)])
     for g, each in enumerate(series):
         motion, number, edges = motions[each.recording], each.recording, each.edges
