@@ -75,9 +75,9 @@ def _of_motion(data: Datasets, settings: Settings) -> Iterator[Finding]:
     """Yield the findings on the conventions of the recordings and on their excitation."""
     try:
         training, others = prepare(data.training, data.validation, settings)
-        validation = [Motion.prepare(motion, training.smoothing) for motion in others if not stillness(motion)]
-        delay = training.settings.least_delay
-        odd = list(contradictions([*training.motions, *validation], MODEL, delay, training.settings))
+        moving = [motion for motion in others if not stillness(motion)]
+        motions = [*training.motions, *(Motion.prepare(each, training.smoothing, training.hold) for each in moving)]
+        odd = list(contradictions(motions, MODEL, training.settings.least_delay, training.settings))
         faults = detect_faults(training.motions, training.settings)
     except PendubotError as error:
         # Options can correct speeds beyond all limits, but no gap.
