@@ -38,8 +38,6 @@ Shape = Callable[[Motion, Array], Motion]
 Calibration = Callable[[Array, Array], Array]
 #: Number of unknowns before the effects: theta, delay.
 SHARED = 15
-#: Least damping of a scoring step.
-LEAST_DAMPING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -519,10 +517,6 @@ def fit(
         low, high = np.maximum(lower - x, -reach), np.minimum(upper - x, reach)
         information = curvature if corrected else now.information
         step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
-        # Damping hides the gain along a direction of small curvature, such as the scale of the elbow's equation.
-        while gain < tolerance and damping > LEAST_DAMPING and not rejected:
-            damping *= 0.01
-            step, gain = bounded_step(information, now.slope, damping, low, high, estimated)
         if gain < tolerance or rejected == 12:
             break
         trial = repaired(np.clip(x + step, lower, upper))  # a sum at a bound may lie beyond it by a rounding error
@@ -537,7 +531,7 @@ def fit(
             damping, rejected = damping * 8.0, rejected + 1
             continue
         ratio = -rise / gain
-        damping = max(damping * (0.2 if ratio > 0.6 else 1.0 if ratio > 0.2 else 3.0), LEAST_DAMPING)
+        damping = max(damping * (0.2 if ratio > 0.6 else 1.0 if ratio > 0.2 else 3.0), 1e-9)
         x, now, number, rejected = trial, after, number + 1, 0
         if progress is not None:
             progress(now.cost)
