@@ -8,6 +8,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
+from pendubot_identification.criteria.likelihood import Likelihood
 from pendubot_identification.errors import TrajectoryError
 from pendubot_identification.identification import fitting
 from pendubot_identification.identification.fitting import TrainingData
@@ -17,6 +18,7 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.simulation import simulate
+from test import real
 from test import simulated_rig as rig
 from test.simulated_rig import Rig
 from test.virtual import held_torques, recording, trajectory
@@ -150,6 +152,22 @@ def test_an_effect_of_the_middle_of_long_recordings_alone_is_not_compensated(mon
     answer, _ = fitted(*map(trajectory, runs), effects=True, model='coulomb', hold='zero')
     (found,) = answer.effects
     assert (found.name, found.where, found.accepted) == ('offset', 'shoulder', False)
+
+
+@pytest.mark.recordings
+def test_a_fit_evaluates_the_likelihood_within_its_bounds_only(monkeypatch):
+    """The sum of a friction and its step to zero is -1e-19 in some fits: the rig would be unphysical."""
+    evaluate, outside = Likelihood.evaluate, []
+
+    def recorded(like, x):
+        outside.append(((x < like.lower) | (x > like.upper)).any())
+        return evaluate(like, x)
+
+    monkeypatch.setattr(Likelihood, 'evaluate', recorded)
+    for take in real.recorded(real.RIGS[1], 'train')[-2:]:
+        fitting.first_fit(TrainingData.prepare([take], Settings().of_rig([take])), lambda *_: None)
+    assert outside
+    assert not any(outside)
 
 
 def test_every_recording_has_its_own_zeros():
