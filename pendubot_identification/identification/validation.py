@@ -234,10 +234,11 @@ def faults_left(faults: tuple[Fault, ...], answer: Composite) -> tuple[Fault, ..
 def remarks(answer: Composite, validation: Validation | None, faults: Sequence[Fault]) -> Iterator[str]:
     """Yield findings for the user, besides the faults of the recordings."""
     named = {fault.name for fault in faults}
-    yield from (found.sentence for found in answer.effects if found.name not in named)
-    if validation is not None:
+    if validation is not None:  # a contradiction may be the cause of effects
         yield from _inconsistencies(answer, validation)
-        yield from () if answer.exact else disturbances(answer.rough)
+    yield from (found.sentence for found in answer.effects if found.name not in named)
+    if validation is not None and not answer.exact:
+        yield from disturbances(answer.rough)
     if not answer.exact and (answer.unexplained > FITTING.least).any():
         shoulder, elbow = (f'{100 * part:.3g} %' for part in answer.unexplained)
         yield (
