@@ -294,6 +294,13 @@ class _Recordings:
     def unexplained(self) -> float:
         return _unexplained(self.criterion)
 
+    @cached_property
+    def strongest(self) -> tuple[_Recordings, float]:
+        """The recording with the largest squared effort, and its fraction of that of all recordings."""
+        efforts = np.array([part.y @ part.y for part in self.regressions])
+        most = int(efforts.argmax())
+        return _Recordings(self.motions[most : most + 1], self.delay), float(efforts[most] / max(efforts.sum(), 1e-300))
+
     def squared_residuals(self) -> Array:
         """Return the squared residual of each recording with the common parameters."""
         theta = self.criterion.minimum_in_box(BOUNDS)
@@ -321,6 +328,8 @@ def _best_correction(recordings: _Recordings) -> Fault | None:
     # Small errors are no faults; a correction must explain more than they do.
     expected = min([left, *(each.corrected for each in candidates if each.level is Level.OK)])
     ranked = sorted((each for each in candidates if each.level > Level.OK), key=lambda each: each.corrected)
+    if not ranked:
+        return None
     best = ranked[0]
     # For a zero, a small error of the other one does not count. Less than 1e-12 is a rounding error.
     before = left if best.name == 'zero' else expected
@@ -338,10 +347,14 @@ def _best_correction(recordings: _Recordings) -> Fault | None:
 
 def _turns(recordings: _Recordings) -> Iterator[Fault]:
     moved = max(float(np.ptp(m.recorded.q, axis=0).max()) for m in recordings.motions)
+    strongest, part = recordings.strongest
     for name, found, remedy, change in _TURNS:
         if name == 'degrees' and moved < SETTINGS.degrees:
             continue
         try:
+            # With all recordings, the residual is not less than with one of them.
+            if part * strongest.after(change).unexplained > recordings.unexplained:
+                continue
             corrected = recordings.after(change).unexplained
         except TrajectoryError:  # the motion would be faster than a rig can be
             continue
