@@ -59,7 +59,9 @@ def brief(result: Result, files: int) -> str:
     """Return a result in at most :data:`LINES` - ``files`` lines, with as many complete remarks as fit."""
     table, title = parameter_table(result), f'{result.model} model, by the criterion {result.criterion}'
     rows = table.text().splitlines()[: 1 + len(table.rows)]  # without notes
-    head = [*_sources(result), '', title, *rows, '', *_prediction(result), '']
+    # With a fault of the recordings, its causes need the room.
+    prediction = [] if result.consequences else [*_prediction(result), '']
+    head = [*_sources(result), '', title, *rows, '', *prediction]
     design = ['pendubot excite --design proposes a more informative motion'] if result.advice else []
     shown = [*remarks(result), *(f'to do: {sentence}' for sentence in (*result.advice, *design))]
     room, lines = LINES - files - len(head) - 1, list[str]()
