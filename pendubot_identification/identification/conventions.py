@@ -176,10 +176,8 @@ def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault,
     delay. Of two simultaneous faults the first may be confused with another one whose correction fits nearly as well.
     """
     (low, high), delay = settings.delays, settings.least_delay
-    shortest = WIDTH + max(DELAYS[1], high) - min(DELAYS[0], low)
-    long = tuple(m for m in motions if m.end - m.start > shortest)
-    # A constant effort has the effect of gravity in another direction.
-    if not any(np.ptp(m.recorded.tau, axis=0).any() for m in long):
+    long = _long_enough(motions, settings)
+    if not long:
         return ()
     if delay and low < high:  # the user expects a delay
         delay = estimate_delay(long, MODEL, BOUNDS, low, high, weights=(1, SETTINGS.elbow, 0))
@@ -197,6 +195,21 @@ def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault,
         model = 'rotor' if settings.model == 'auto' else settings.model
         faults += _wrong_length(corrected, model, settings.link_length)
     return tuple(_with_options(faults, settings.reading))
+
+
+def corrections(motion: Motion, delay: float, settings: Settings) -> list[Fault]:
+    """Return all corrections of one recording that may be tried, whether they fit or not; none if it is too short."""
+    recordings = _Recordings(_long_enough([motion], settings), delay)
+    return [*_candidates(recordings), *_wrong_unit(recordings)] if recordings.motions else []
+
+
+def _long_enough(motions: Sequence[Motion], settings: Settings) -> tuple[Motion, ...]:
+    """Return the recordings that are longer than a test function and all delays; none if the effort is constant."""
+    low, high = settings.delays
+    shortest = WIDTH + max(DELAYS[1], high) - min(DELAYS[0], low)
+    long = tuple(m for m in motions if m.end - m.start > shortest)
+    # A constant effort has the effect of gravity in another direction.
+    return long if any(np.ptp(m.recorded.tau, axis=0).any() for m in long) else ()
 
 
 def _with_options(faults: Sequence[Fault], conversion: Conversion) -> Iterator[Fault]:
@@ -319,12 +332,17 @@ class _Recordings:
         return 1 + float(fdtri(1, n, 1 - SETTINGS.significance)) / n if n > 0 else math.inf
 
 
+def _candidates(recordings: _Recordings) -> list[Fault]:
+    """Return the corrections, at level OK if the error is too small for a fault."""
+    return [*_turns(recordings), *_zeros(recordings), *_offset(recordings), *_delay(recordings)]
+
+
 def _best_correction(recordings: _Recordings) -> Fault | None:
     """Return the fault whose correction fits best, if that is significant, and name others that fit as well."""
     left, limit = recordings.unexplained, recordings.limit
     if math.isinf(limit):
         return None
-    candidates = [*_turns(recordings), *_zeros(recordings), *_offset(recordings), *_delay(recordings)]
+    candidates = _candidates(recordings)
     # Small errors are no faults; a correction must explain more than they do.
     expected = min([left, *(each.corrected for each in candidates if each.level is Level.OK)])
     ranked = sorted((each for each in candidates if each.level > Level.OK), key=lambda each: each.corrected)

@@ -31,7 +31,7 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import DELAYS
 from .conventions import SETTINGS as CONVENTIONS
-from .conventions import Fault, agrees_with_exact_fit, corrected, detect_faults, joint_regression
+from .conventions import Fault, agrees_with_exact_fit, corrected, corrections, detect_faults, joint_regression
 from .effects import DetectedEffect, compensated
 from .estimate import Estimate, Progress, Zeros
 from .fitting import SETTINGS as FITTING
@@ -287,13 +287,14 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, settings
     odd, common = int(np.argmin(separate)), squared(parts)
     effort = sum(part.count * float(part(np.zeros_like(part.y))) for part in parts)
     apart = common > SETTINGS.ratio * separate[odd] and common - separate[odd] > SETTINGS.contradiction * effort
-    causes = list[str]()
+    cause = ''
     if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort):
-        faults = detect_faults([motions[odd]], settings)
-        after = reduced(*corrected(motions[odd], delay, faults))
-        if common > SETTINGS.ratio * squared([*rests[odd], after]):
-            causes = [f'in it, {fault.found}; {fault.remedy}' for fault in faults]
-    if not (apart or causes):
+        faults = corrections(motions[odd], delay, settings)
+        left = [squared([*rests[odd], reduced(*corrected(motions[odd], delay, [fault]))]) for fault in faults]
+        if faults and common > SETTINGS.ratio * min(left):
+            best = faults[int(np.argmin(left))]
+            cause = f'in it, {best.found}; {best.remedy}'
+    if not (apart or cause):
         return
     found = f'{motions[odd].name} contradicts the other recordings'
     if len(motions) == 2:
@@ -301,8 +302,7 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, settings
         found = f'{"both parts of " + one if one == other else f"{one} and {other}"} contradict each other'
     yield (
         f'{found}: common parameters leave {common / max(separate[odd], 1e-300):.2g} times the squared residual of '
-        'separate ones; '
-        + ('; '.join(causes) or 'check that all recordings are of one rig, with the same signs and zeros')
+        'separate ones; ' + (cause or 'check that all recordings are of one rig, with the same signs and zeros')
     )
 
 

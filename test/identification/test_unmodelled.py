@@ -271,6 +271,23 @@ def test_a_fault_after_which_no_parameters_fit_is_named(change, found):
 
 
 @pytest.mark.recordings
+@pytest.mark.parametrize(
+    ('change', 'found'),
+    [
+        (lambda m: replace(m, q=m.q * [1, -1]), "the elbow's position has the wrong sign"),
+        (lambda m: replace(m, tau=-m.tau), 'the effort has the wrong sign'),
+    ],
+)
+def test_the_other_recordings_decide_which_fault_is_named(change, found):
+    """Alone, this recording fits with the effort negated, whichever of the two is wrong."""
+    takes = real.recorded(real.RIGS[0], 'train')
+    (message,) = contradicted(*takes[:2], replace(change(takes[2]), name='wrong'), *takes[3:], model='rotor')
+    assert message.startswith('wrong contradicts the other recordings')
+    assert f'; in it, {found};' in message
+    assert message.count('in it, ') == 1
+
+
+@pytest.mark.recordings
 def test_a_recording_among_recordings_of_another_real_rig_is_reported():
     rigs = [real.recorded(rig, 'train') for rig in real.RIGS]
     for one, other in product(rigs, rigs):
