@@ -141,7 +141,7 @@ def identify(  # noqa: D417
     tau: ArrayLike | None = None,
     qd: ArrayLike | None = None,
     validate: Sequence[Trajectory | File | DataFrame] = (),
-    bounds: Mapping[str, float | tuple[float, float]] | None = None,
+    bounds: Mapping[str, float | tuple[float, float]] | Sequence[str] | None = None,
     criterion: Criterion | Sequence[Criterion] = 'likelihood',
     model: Model = 'auto',
     hold: Literal['auto', 'zero', 'linear'] = 'auto',
@@ -192,7 +192,8 @@ def identify(  # noqa: D417
         tau: torque [N m] from each time until the next, shape (N,) of the shoulder or (N, 2) of both joints.
         qd: velocities [rad/s], shape (N, 2), if measured.
         validate: recordings for validation only.
-        bounds: search intervals by name, such as ``{'P1': (0, 0.5)}``; a single number fixes a parameter.
+        bounds: search intervals by name, such as ``{'P1': (0, 0.5)}``, or as texts, such as ``['P1=0:0.5']``; a single
+            number fixes a parameter.
         progress: called with the activity, its completed steps, their total number (0: unknown), and the best J.
 
     Raises:

@@ -40,7 +40,7 @@ def read_yaml(path: Path, expected: str, refusal: type[PendubotError] = ResultEr
         raise MissingFileError(f'there is no file {path}; {expected}') from error
     except OSError as error:
         raise refusal(f'{path} cannot be read ({error.strerror}); {expected}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:  # of the encoding, or of a date
         raise refusal(f'{path} is no YAML file; {expected}') from error
 
 
@@ -212,19 +212,20 @@ def refuse_untaken(path: str, node: str) -> None:
         node: the node's fully qualified name, such as ``/lab1/bridge``.
 
     Raises:
-        ParameterError: the file has no parameter of the node.
+        ParameterError: the file is no YAML, or has no parameter of the node.
     """
-    names = [name for name, parameters in addressed(_content(path)) if parameters]
+    content = read_yaml(Path(path), f'a parameter file of {node} is expected', ParameterError)
+    names = [name for name, parameters in addressed(content) if parameters]
     # rclpy uses the same regular expression: * is one part of a name, ** is any number of parts.
     if not any(re.fullmatch(name.replace('/*', r'(/\w+)'), node, re.ASCII) for name in names):
-        content = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
+        found = f'parameters of {", ".join(names)}' if names else 'no parameters of any node'
         raise ParameterError(
-            f'{path} has no effect: it contains {content}, and none of {node}; name {node} in it, or '
+            f'{path} has no effect: it contains {found}, and none of {node}; name {node} in it, or '
             f'/**/{node.rpartition("/")[2]} for every namespace'
         )
 
 
 def _content(path: str | Path) -> Any:
-    with suppress(PendubotError, ValueError):
+    with suppress(PendubotError):
         return read_yaml(Path(path), '')
     return None

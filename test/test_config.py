@@ -103,7 +103,10 @@ def test_exactly_the_files_from_which_rclpy_reads_no_parameter_are_refused(tmp_p
             else:
                 with pytest.raises(ParameterError, match=f'{file} has no effect: it contains parameters of /'):
                     refuse_untaken(str(file), node)
-    for content in ('bridge: {ros__parameters: {}}', '{'):
+    for content, refused in (
+        ('bridge: {ros__parameters: {}}', 'it contains no parameters of any node, and none of'),
+        ('{', 'is no YAML file; a parameter file of /bridge is expected'),
+    ):
         file.write_text(content)
-        with pytest.raises(ParameterError, match='it contains no parameters of any node, and none of'):
+        with pytest.raises(ParameterError, match=refused):
             refuse_untaken(str(file), '/bridge')

@@ -186,6 +186,9 @@ def test_a_parameter_file_without_parameters_for_the_node_is_refused(
     message = f'{file} has no effect: it contains parameters of /lab2/{program}, and none of {node}; name {node}'
     with pytest.raises(ParameterError, match=re.escape(f'{message} in it, or /**/{program} for')):
         launch('rig', **given)
+    file.write_text(f'{node}: {{ros__parameters: [')
+    with pytest.raises(ParameterError, match=f'{file} is no YAML file; a parameter file of {node} is expected'):
+        launch('rig', **given)
 
 
 def test_a_parameter_file_of_the_exciter_with_an_invalid_value_is_refused(tmp_path):

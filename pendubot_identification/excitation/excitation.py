@@ -110,7 +110,7 @@ def read_exciter(path: Path) -> tuple[PulseTrain, float]:
         raise ResultError(f'{path} holds no parameters of the node {NODE}; {expected}')
     known = parameter_names([resource(TEMPLATE)])
     # A section for all nodes may have parameters of other nodes.
-    for name in sorted(parameter_names([path], NODE) - known):
+    for name in sorted(parameter_names([path], f'/{NODE}') - known):
         if not name.startswith(OF_ROS):
             raise ParameterError(f'{path}: {NODE} has no parameter {name}; {meant(name, sorted(known))}?')
     try:

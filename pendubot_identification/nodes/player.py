@@ -65,7 +65,7 @@ class Ghost:
         if passed < RESTART:
             self._plant.advance(self._effort, passed)
         if t - self._begun >= RESTART:
-            speeds = dict(zip(message.name, message.velocity, strict=False))
+            speeds = {name: v for name, v in zip(message.name, message.velocity, strict=False) if math.isfinite(v)}
             slopes = [(now - before) / passed for now, before in zip(q, self._q, strict=True)]
             qd: Pair = tuple(map(speeds.get, self._names, slopes))
             self._plant.place(q, qd)

@@ -62,7 +62,7 @@ def identify(job: Mapping[str, Any], emit: Emit) -> dict[str, Any]:
             last, step = time.monotonic(), activity
             emit({'progress': activity, 'done': done, 'of': of, 'best': best if best == best else None})
 
-    bounds: dict[str, Any] = dict(pair.partition('=')[::2] for pair in words(job['options'].get('bounds', '')))
+    bounds = words(job['options'].get('bounds', ''))
     found = api.identify(*job['bags'], validate=job['validate'], bounds=bounds, progress=progress, **_options(job))
     emit({'progress': 'drawing the page', 'done': 0, 'of': 0, 'best': None})
     folder = Path(job['folder']) / 'output'

@@ -70,6 +70,8 @@ def test_a_file_in_which_a_parameter_of_the_exciter_is_misspelt_or_missing_is_re
         ('/**/exciter: {ros__parameters: {amplitude_mx: 9.0}}', 'exciter has no parameter amplitude_mx; is'),
         ('/**/exciter: {ros__parameters: {}}', 'holds no parameters of the node exciter'),
         ('/**/exciter: {ros__parameters: {seed: 1, use_sim_time: true}}\n/**: {ros__parameters: {rate: 1.0}}', ''),
+        ('/**/exciter: {ros__parameters: {seed: 1}}\n/**/my_exciter: {ros__parameters: {rate: 1.0}}', ''),
+        ('/**/exciter: {ros__parameters: {seed: 2026-13-45}}', 'is no YAML file; expected is a file like'),
     ):
         file.write_text(content)
         status, _, err = run('excite', '--check', file)

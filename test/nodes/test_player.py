@@ -1,6 +1,7 @@
 # Copyright 2026 The pendubot_identification authors
 # SPDX-License-Identifier: Apache-2.0
 
+import math
 import signal
 import struct
 from dataclasses import replace
@@ -8,25 +9,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rosbags.interfaces import QosDurability
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import simulate
-from pendubot_identification.recordings.bag_writer import RELIABLE, BagWriter
+from pendubot_identification.recordings.bag_writer import BagWriter
 from pendubot_identification.recordings.joint_states import JOINT_STATE, encode_joint_state, write_trajectory
 from test.conftest import SAMPLE
 from test.identified import written
 from test.processes import Program, parameters, spin_until
-from test.recordings.bags import START
+from test.recordings.bags import LATCHED, START, samples, write
 from test.recordings.independent import by_mcap
 
 MS = 1_000_000
 FLOAT = 'std_msgs/msg/Float64'
 TEXT = bytes([0, 1, 0, 0, 4, 0, 0, 0]) + b'abc\0'  #: A std_msgs/String.
 COMMAND = '/pendubot/effort_command'
-LATCHED = RELIABLE._replace(durability=QosDurability.TRANSIENT_LOCAL, depth=1)
 
 
 @pytest.fixture
@@ -107,8 +106,13 @@ def test_a_ghost_simulates_the_identified_rig_beside_the_recording(tmp_path, nod
     assert worst(PAPER).max() < 0.02
     # Another rig, with a torque at its elbow.
     other, t = replace(PAPER, P4=2 * PAPER.P4), np.arange(300) * 0.01
-    write_trajectory(tmp_path / 'driven', simulate(other, t, 0.002 * np.column_stack([0 * t, np.sin(5 * t)])))
+    driven = simulate(other, t, 0.002 * np.column_stack([0 * t, np.sin(5 * t)]))
+    write_trajectory(tmp_path / 'driven', driven)
     assert worst(other, tmp_path / 'driven').max() < 0.002
+    unknown = samples(
+        300, position=lambda k: driven.q[k], velocity=lambda k: (math.nan,) * 2, effort=lambda k: driven.tau[k]
+    )
+    assert worst(other, write(tmp_path / 'unknown speeds', unknown)).max() < 0.1
 
 
 def test_a_ghost_needs_the_joint_states_of_its_rig(bag, tmp_path, node):

@@ -202,5 +202,6 @@ def test_unknown_options_and_recordings_are_refused(page):
         assert answer.read().decode().endswith('; load the page again')
     assert page.post('check', '/etc/passwd').status == 400
     assert 'is expected' in page.do('check', 'paper_experiment', gear='x')['problem']['sentence']
-    assert 'is expected' in page.do('identify', 'paper_experiment', bounds='b2')['problem']['sentence']
+    for bounds, refused in (('b2', 'is expected'), ('b2=0, b2=1', 'the interval of b2 was given twice')):
+        assert refused in page.do('identify', 'paper_experiment', bounds=bounds)['problem']['sentence']
     assert page.do('describe', 'paper_experiment', criterion='weak', bounds='b2=0')['done']
