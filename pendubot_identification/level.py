@@ -4,7 +4,6 @@
 """The severity levels of results and diagnoses."""
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
 
 #: 95 % confidence interval half-width in standard errors.
@@ -19,15 +18,6 @@ class Level(IntEnum):
     OK = 0
     WARN = 1
     ERROR = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
-    """The status of a program on ``/diagnostics``: a level, one or more sentences, and values as text by name."""
-
-    level: Level
-    message: str
-    values: dict[str, str]
 
 
 def number(text: str | None) -> float:

@@ -5,7 +5,7 @@
 
 from dataclasses import asdict
 
-from pendubot_identification.level import Diagnosis, Level
+from pendubot_identification.level import Level
 
 from .clock import SECOND
 from .events import Report
@@ -29,8 +29,8 @@ class Health:
         if report.level is not Level.OK:
             self._reports.append(report)
 
-    def diagnose(self, host: Host, now: int) -> Diagnosis:
-        """Return the condition of the link at ``now`` [ns], and the events since the last call."""
+    def diagnose(self, host: Host, now: int) -> tuple[Level, str, dict[str, str]]:
+        """Return level, sentences and values of the link at ``now`` [ns], and of the events since the last call."""
         counters = asdict(host.counters)
         reasons = counters.pop('damaged')
         counters['damaged'] = sum(reasons.values())
@@ -70,4 +70,4 @@ class Health:
                 values['torque constant [N m/A]'] = hello.torque_constant / 1e6
             # Names and units are those in the protocol and in the firmware's rig.h.
             values |= hello.limits._asdict()
-        return Diagnosis(level, message, {name: str(value) for name, value in values.items()})
+        return level, message, {name: str(value) for name, value in values.items()}

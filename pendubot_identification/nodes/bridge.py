@@ -210,8 +210,8 @@ class Bridge(ManagedNode):
                     # Logged again, because their names may become known later.
                     self.get_logger().error(rivals)
             self._logged_rivals = rivals
-            d = self._health.diagnose(self._host, time.monotonic_ns())
-        return d.level, d.message, d.values | {'stale': self._stale}
+            level, message, values = self._health.diagnose(self._host, time.monotonic_ns())
+        return level, message, values | {'stale': self._stale}
 
     def _disarm_if_contested(self, now: int) -> None:
         """Disarm an armed motor, or stop arming it, if there are several publishers of effort commands."""

@@ -202,8 +202,8 @@ class Recorder(ManagedNode):
         elapsed, self._diagnosed = max(now - self._diagnosed, 1e-3), now
         flows = {topic.name: topic.flow for topic in self._topics}
         troubles = tuple(topic.trouble for topic in self._topics if topic.trouble)
-        diagnosis = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
-        return diagnosis.level, diagnosis.message, {'bag': self._bag.path} | diagnosis.values
+        level, message, values = diagnose(flows, elapsed, troubles=troubles, free=self._bag.free, reserve=self._reserve)
+        return level, message, {'bag': self._bag.path} | values
 
 
 def _compatible(publishers: list[TopicEndpointInfo], qos: QoSProfile) -> int:

@@ -6,7 +6,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pendubot_identification.level import Diagnosis, Level
+from pendubot_identification.level import Level
 
 #: Latency from publishing to writing that causes a warning [s].
 LATE = 1.0
@@ -50,10 +50,11 @@ class Flow:
 
 def diagnose(
     flows: Mapping[str, Flow], elapsed: float, *, troubles: tuple[str, ...], free: int, reserve: int
-) -> Diagnosis:
-    """Return the state of a recording, ``elapsed`` seconds after the last call; ``troubles`` are further warnings.
+) -> tuple[Level, str, dict[str, str]]:
+    """Return level, sentences and values of a recording, ``elapsed`` seconds after the last call.
 
-    ``free`` is the free disk space [bytes]; the recording ends when it falls to ``reserve`` [bytes].
+    ``troubles`` are further warnings. ``free`` is the free disk space [bytes]; the recording ends when it falls to
+    ``reserve`` [bytes].
     """
     warnings: dict[str, bool] = {}  # condition by sentence
     values: dict[str, str] = {}
@@ -70,4 +71,4 @@ def diagnose(
     warnings |= {scarce: free < SCARCE * reserve, **dict.fromkeys(troubles, True)}
     values |= {'free [MB]': f'{free / 1e6:.1f}', 'reserve [MB]': f'{reserve / 1e6:.1f}'}
     message = '; '.join(sentence for sentence, holds in warnings.items() if holds)
-    return Diagnosis(Level.WARN if message else Level.OK, message or 'recording', values)
+    return Level.WARN if message else Level.OK, message or 'recording', values

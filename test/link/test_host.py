@@ -366,7 +366,7 @@ def test_refused_requests_are_attributed_to_another_program_except_after_a_resta
     wire.state()
     wire.state(status=Status.REFUSED, refused=3)
     assert wire.host.counters.foreign_requests == 3
-    assert health.diagnose(wire.host, wire.now).level is Level.WARN
+    assert health.diagnose(wire.host, wire.now)[0] is Level.WARN
     assert 'another program' in wire.refusal()
     wire.states(108, refused=3)
     assert wire.arm() == []
@@ -470,8 +470,8 @@ def test_a_wrong_timestamp_is_counted_and_a_wrong_clock_rate_is_reported_within_
     wire, health = Wire(), Health()
     for k in range(1, 200):
         wire.state(k, 10_000 * k + (65_536 if k in (100, 150) else 0))
-    diagnosis = health.diagnose(wire.host, wire.now)
-    assert (diagnosis.level, 'irregular stamps: 2 more' in diagnosis.message) == (Level.WARN, True)
+    level, message, _ = health.diagnose(wire.host, wire.now)
+    assert (level, 'irregular stamps: 2 more' in message) == (Level.WARN, True)
     fast = Wire(hello=HELLO._replace(sample_period_us=10_500))
     (report,) = [r for k in range(1, 100) for r in only(fast.state(k, 10_500 * k), Report)]
     assert "the board's clock runs 4.8 % fast" in report.text
@@ -502,9 +502,9 @@ def test_torque_is_clamped_to_the_smaller_limit_and_clamping_is_reported_once(co
         assert wire.sent()[-1].torque == (-1) ** k * limit
         wire.state(**wire.effort(-0.1))
     assert reports == [f'an effort command is 10 N m; at most {limit / 1e6:g} N m are sent']
-    diagnosis = health.diagnose(wire.host, wire.now)
-    assert (diagnosis.level, diagnosis.values['clamped']) == (Level.WARN, '200')
-    assert diagnosis.values['torque limit [N m]'] == f'{limit / 1e6:g}'
+    level, _, values = health.diagnose(wire.host, wire.now)
+    assert (level, values['clamped']) == (Level.WARN, '200')
+    assert values['torque limit [N m]'] == f'{limit / 1e6:g}'
     wire.command(0.1234567)
     assert wire.sent()[-1].torque == 123_457
 
