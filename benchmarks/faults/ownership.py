@@ -6,6 +6,7 @@
 Torques and times are from the board's trace, with a sample every millisecond.
 """
 
+import errno
 import itertools
 import os
 import signal
@@ -96,7 +97,7 @@ def usurper(folder, long):
             port = os.open(rig.port, os.O_WRONLY | os.O_NOCTTY)
         except OSError as error:
             # The bridge holds the port alone, but for root.
-            yield 'another program may not open the port', str(error), os.geteuid() != 0
+            yield 'another program may not open the port', str(error), error.errno == errno.EBUSY and os.geteuid() != 0
             return
         boot_id, order = int(rig.fresh_values()['boot_id']), Command(2, 0, 1, 500, round(MICRO * FOREIGN), 99)
         for k in range(50 if long else 1):
