@@ -290,9 +290,9 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, settings
     cause = ''
     if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort):
         faults = corrections(motions[odd], delay, settings)
-        left = [squared([*rests[odd], reduced(*corrected(motions[odd], delay, [fault]))]) for fault in faults]
-        if faults and common > SETTINGS.ratio * min(left):
-            best = faults[int(np.argmin(left))]
+        residuals = [squared([*rests[odd], reduced(*corrected(motions[odd], delay, [fault]))]) for fault in faults]
+        if faults and common > SETTINGS.ratio * min(residuals):
+            best = faults[int(np.argmin(residuals))]
             cause = f'in it, {best.found}; {best.remedy}'
     if not (apart or cause):
         return
