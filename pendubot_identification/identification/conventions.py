@@ -339,18 +339,18 @@ def _candidates(recordings: _Recordings) -> list[Fault]:
 
 def _best_correction(recordings: _Recordings) -> Fault | None:
     """Return the fault whose correction fits best, if that is significant, and name others that fit as well."""
-    left, limit = recordings.unexplained, recordings.limit
+    unexplained, limit = recordings.unexplained, recordings.limit
     if math.isinf(limit):
         return None
     candidates = _candidates(recordings)
     # Small errors are no faults; a correction must explain more than they do.
-    expected = min([left, *(each.corrected for each in candidates if each.level is Level.OK)])
+    expected = min([unexplained, *(each.corrected for each in candidates if each.level is Level.OK)])
     ranked = sorted((each for each in candidates if each.level > Level.OK), key=lambda each: each.corrected)
     if not ranked:
         return None
     best = ranked[0]
     # For a zero, a small error of the other one does not count. Less than 1e-12 is a rounding error.
-    before = left if best.name == 'zero' else expected
+    before = unexplained if best.name == 'zero' else expected
     if before < limit * best.corrected + 1e-12 or best.corrected > SETTINGS.unfit:
         return None
     gains = recordings.squared_residuals() - recordings.after(best.change, best.delay).squared_residuals()
@@ -359,8 +359,8 @@ def _best_correction(recordings: _Recordings) -> Fault | None:
     # Of corrections with the same residual the first is reported: without elbow effort some are equal.
     tied = {each.corrected: each.found for each in reversed(ranked) if each.corrected <= limit * best.corrected}
     names = dict.fromkeys(tied[corrected] for corrected in sorted(tied))
-    level = best.level if left < SETTINGS.severe * best.corrected else Level.ERROR
-    return replace(best, found=', or '.join(names), level=level, unexplained=left)
+    level = best.level if unexplained < SETTINGS.severe * best.corrected else Level.ERROR
+    return replace(best, found=', or '.join(names), level=level, unexplained=unexplained)
 
 
 def _turns(recordings: _Recordings) -> Iterator[Fault]:
@@ -481,13 +481,13 @@ def _wrong_unit(recordings: _Recordings) -> Iterator[Fault]:
 
     m2 is at least P5^2 / P2, and d2 at most P2 / P5.
     """
-    theta, left = recordings.criterion.minimum_in_box(BOUNDS), recordings.unexplained
+    theta, unexplained = recordings.criterion.minimum_in_box(BOUNDS), recordings.unexplained
     P2, P5 = theta[1], theta[4]
     least = float((P5**5 / SETTINGS.dense) ** 0.25)
     # A less dense link must fit significantly worse.
-    if 0 < P2 < least and left < SETTINGS.unfit:
+    if 0 < P2 < least and unexplained < SETTINGS.unfit:
         less_dense = _unexplained(recordings.criterion, BOUNDS.replaced('P2', least, least))
-        if less_dense > recordings.limit * left:
+        if less_dense > recordings.limit * unexplained:
             found = (
                 f'link 2 would weigh {P5**2 / P2:.3g} kg or more, within {100 * P2 / P5:.2g} cm of its joint; the '
                 'effort seems to be in mN m'
