@@ -25,14 +25,6 @@ BRIGHTNESS = """([selector, property]) => {
 
 
 @contextmanager
-def launched():
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
-        yield browser
-        browser.close()
-
-
-@contextmanager
 def watched(browser):
     """Yield a function that opens an address; fail on console messages and on requests to other hosts."""
     contexts, events = [], []

@@ -102,6 +102,17 @@ def refused(run):
     return refused
 
 
+@pytest.fixture(scope='module')
+def browser():
+    """Chromium, driven by playwright."""
+    from test.browser import CHROMIUM, sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=['--no-sandbox'])
+        yield browser
+        browser.close()
+
+
 @pytest.fixture(params=['python', 'c'])
 def each_board(request, monkeypatch):
     """Run a test with ``virtual_board`` in Python and in C.

@@ -98,6 +98,14 @@ class Program:
             self.process.send_signal(number)
         return self.process.wait(timeout)
 
+    def children(self):
+        """Return the PIDs of the processes that its threads have started."""
+        found = []
+        for task in Path(f'/proc/{self.process.pid}/task').iterdir():
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended
+                found += map(int, (task / 'children').read_text().split())
+        return found
+
     def halt(self):
         """Suspend the program until SIGCONT; return after it has stopped."""
         self.process.send_signal(signal.SIGSTOP)

@@ -177,8 +177,6 @@ def test_a_suffix_selects_the_format_of_an_export(found, tmp_path):
     assert 'mujoco' in RIG.export(str(tmp_path / 'rig.xml')).read_text()
     numbers = runpy.run_path(str(RIG.export(tmp_path / 'rig.py')))['THETA']
     assert repr(numbers) == repr(tuple(RIG.theta.tolist()))
-    for suffix, line in (('h', 'PENDUBOT_P1 (0.0148)'), ('m', 'pendubot.P1 = 0.0148;'), ('yaml', 'P1: 0.0148')):
-        assert line in RIG.export(tmp_path / f'rig.{suffix}').read_text()
     with pytest.raises(PendubotError, match=r'rig.urdf exists already .* overwrite=True'):
         found.export(path)
     with pytest.raises(PendubotError, match=r'rig.usd has no suffix that names a format; .urdf, '):
@@ -305,14 +303,13 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
         (lambda: simulate(RIG, TIMES, [0, np.nan, 0]), 'a tau that is not a number'),
         (lambda: simulate(RIG, TIMES, 0.0, (np.nan, 0)), 'a q that is not a number'),
         (lambda: simulate(RIG, TIMES, 0.0, (1,)), r'shape \(3, 1\); \(3, 2\) is expected'),
-        (lambda: read({'t': [0.0]}), 'dict was given; only names of bags or files, or only DataFrames'),
+        (lambda: read({'t': [0.0]}), 'dict was given; only names .*, each an argument of its own, or t, q and tau are'),
         (
             lambda: read(pytest.importorskip('pandas').Series([0.0])),
             'Series was given; only names of bags or files, or',
         ),
         (lambda: read(SAMPLE, negate='q9'), "negate: there is no quantity 'q9'"),
         (lambda: identify(SAMPLE, read(SAMPLE)), 'PosixPath was given; only names of bags or files, or only'),
-        (lambda: identify([SAMPLE, SAMPLE]), 'list was given; .*, each an argument of its own, or t, q and tau are'),
         (identify, 'nothing was given; only names of bags or files, or only DataFrames and motions'),
         (lambda: identify(t=[0.0], q=[[0.0, 0.0]]), 'tau is missing; t, q and tau are expected together'),
         (lambda: identify(t=[0.0, 1.0], q=[0.0, 0.0], tau=0.0), r't has shape \(2,\) and q \(2,\)'),
@@ -321,10 +318,8 @@ def test_a_missing_file_is_also_a_file_not_found_error(call, name):
             lambda: identify(t=[0.0, 1.0], q=np.zeros((2, 2)), tau=0.0, qd=[0.0, 1.0], degrees=True),
             r't has shape \(2,\) and qd \(2,\); \(N,\) and \(N, 2\) are expected',
         ),
-        (lambda: identify(t=['a', 'b'], q=np.zeros((2, 2)), tau=0.0), 't cannot be read: could not convert string'),
         (lambda: identify(Trajectory(np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2)))), '1 samples are too few'),
         (lambda: Trajectory([[0.0]], [[0.0, 0.0]], [[0.0, 0.0]]), r't has shape \(1, 1\); \(1,\) is expected'),
-        (lambda: Trajectory([0.0], [0.0, 0.0], [[0.0, 0.0]]), r'q has shape \(2,\); \(1, 2\) is expected'),
         (lambda: identify(SAMPLE, t=[0.0]), 'both recordings and arrays were given'),
         (lambda: Pendubot(1.0, 1.0, 5.0, 1.0, 1.0, 0.0, 0.0), 'no rig can have .* does not exceed P3'),
         (lambda: identify(read(SAMPLE), degrees=True), 'degrees convert files, and a Trajectory is already converted'),

@@ -15,19 +15,8 @@ import pytest
 from test.conftest import ROOT
 
 PROGRAMS = ('pendubot', 'bridge', 'recorder', 'player', 'identifier', 'exciter', 'balancer', 'tracker', 'virtual_board')
-PARTS = (
-    *('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'LICENSE'),
-    *('resource', 'config', 'foxglove', 'launch', 'bags', 'examples', 'pendubot_identification', 'pendubot_interfaces'),
-)
-
-
-def copied_to(folder):
-    folder.mkdir(parents=True, exist_ok=True)
-    for part in PARTS:
-        if (ROOT / part).is_dir():
-            shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns('*.so', '__pycache__'))
-        else:
-            shutil.copy(ROOT / part, folder / part)
+#: Names of files that no clone of the repository has.
+UNTRACKED = '.*', '__pycache__', '*.so', '*.egg-info', 'build', 'dist', 'install', 'log', 'reproduction'
 
 
 def run(command, folder, env, timeout=300):
@@ -42,7 +31,7 @@ def run(command, folder, env, timeout=300):
     'options', [[], ['--symlink-install', '--packages-select', 'pendubot_identification']], ids=['copied', 'symlinked']
 )
 def test_colcon_builds_the_package_and_every_program_runs(tmp_path, options):
-    copied_to(tmp_path / 'src' / 'pendubot_identification')
+    shutil.copytree(ROOT, tmp_path / 'src' / 'pendubot_identification', ignore=shutil.ignore_patterns(*UNTRACKED))
     env = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
     env |= {'CC': 'no-such-compiler', 'PENDUBOT_KERNEL': 'on'} if options else {'PENDUBOT_KERNEL': 'on'}
     places = '--base-paths', 'src', 'src/pendubot_identification/pendubot_interfaces'

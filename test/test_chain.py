@@ -23,9 +23,8 @@ pytestmark = pytest.mark.ros
 
 def pause(demo, seconds, program=''):
     """Suspend a program of the demo, or all including the demo, and then let them run for as long."""
-    pid = demo.process.pid
-    children = map(int, Path(f'/proc/{pid}/task/{pid}/children').read_text().split())
-    commands = {each: Path(f'/proc/{each}/cmdline').read_text() for each in (pid, *children)}
+    pids = demo.process.pid, *demo.children()
+    commands = {each: Path(f'/proc/{each}/cmdline').read_text() for each in pids}
     group = [each for each, command in commands.items() if not program or f'\0{program}\0' in command]
     assert len(group) == (1 if program else 5), f'{program} does not run'
     for number in (signal.SIGSTOP, signal.SIGCONT):

@@ -67,17 +67,13 @@ def test_documented_commands_of_every_subcommand_work_in_one_folder(tmp_path, mo
         assert main([*shlex.split(command)[1:], *quick]) == 0, f'{page}: {command}\n{capsys.readouterr().err}'
 
 
-def launch_arguments(file):
-    from pendubot_identification.launching import COMMON, launch_file
-
-    return {*launch_file(file)['ARGUMENTS'], *COMMON}
-
-
 def known(kind, *words):
     """Return whether every name in a ros2 command exists."""
     assigned = {word.split(':=')[0] for word in words if ':=' in word and not word.startswith('__')}
     if kind == 'launch':
-        return words[0] == PACKAGE and assigned <= launch_arguments(words[1])
+        from pendubot_identification.launching import COMMON, launch_file
+
+        return words[0] == PACKAGE and assigned <= {*launch_file(words[1])['ARGUMENTS'], *COMMON}
     if kind == 'run':
         if words[1] in ('pendubot', 'virtual_board'):
             return words[0] == PACKAGE and not assigned
@@ -121,7 +117,9 @@ def test_functions_in_the_walks_through_the_code_exist():
     page = (ROOT / 'docs' / 'development.md').read_text()
     (walks,) = re.findall(r'^## Two walks\n(.*?)^## ', page, re.MULTILINE | re.DOTALL)
     code = [path.read_text() for path in (ROOT / PACKAGE).rglob('*.py')]
-    for owner, name in re.findall(r'`(?:(\w+)\.)?([a-zA-Z_]\w*)`', walks):
+    named = re.findall(r'`(?:(\w+)\.)?([a-zA-Z_]\w*)`', walks)
+    assert named
+    for owner, name in named:
         defined = re.compile(rf'^\s*(?:(?:async )?def|class) {name}\b|^    {name}: ', re.MULTILINE)
         owned = [text for text in code if not owner or re.search(rf'^class {owner}\b', text, re.MULTILINE)]
         assert any(map(defined.search, owned)), f'there is no {owner}.{name}'
@@ -141,7 +139,9 @@ def test_every_message_of_the_troubleshooting_page_is_in_the_code():
     # Join string literals on several lines.
     code = '\n'.join(re.sub(r"""['"]\s*\n\s*f?['"]""", '', path.read_text()) for path in paths)
     rows = re.findall(r'^\| (.*?) \|', (ROOT / 'docs' / 'troubleshooting.md').read_text(), re.MULTILINE)
-    for symptom in (quoted for row in rows for quoted in re.findall(r'`([^`]+ [^`]+)`', row)):
+    symptoms = [quoted for row in rows for quoted in re.findall(r'`([^`]+ [^`]+)`', row)]
+    assert symptoms
+    for symptom in symptoms:
         parts = [part.strip() for part in symptom.split('…')]
         assert re.search('.*'.join(map(re.escape, parts)), code), f'no message contains: {symptom}'
 

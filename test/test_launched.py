@@ -142,8 +142,8 @@ def test_a_signal_to_launch_alone_ends_every_program_and_disarms(rig, tmp_path, 
     start, last = rig
     program = start(before=before)
     program.wait_for('exciting for')
-    pid = program.process.pid
-    os.kill(int(Path(f'/proc/{pid}/task/{pid}/children').read_text()) if before else pid, number)
+    (pid,) = program.children() if before else [program.process.pid]
+    os.kill(pid, number)
     until(lambda: last() == (0, 0), 4.0)
     program.process.wait(20)
     (file,) = (tmp_path / 'bag').glob('*.mcap')

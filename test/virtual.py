@@ -6,9 +6,11 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pendubot_identification.excitation.excitation import PulseTrain
+from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import MODELS, PAPER, Parameters
 from pendubot_identification.model.rollout import roll
 from pendubot_identification.model.simulation import quantised, simulate
@@ -97,6 +99,19 @@ def exact_motion(theta, samples=500, interval=0.004, *, seed=1, start=0.0, stren
     t = start + np.arange(samples) * interval
     recorded = Trajectory(t, states[here, :2], tau[there], name=f'exact motion, seed {seed}')
     return replace(Motion.prepare(recorded, 0.0), smoothed=CubicSpline(t, states[here]))
+
+
+def integrated(theta, state, torques, interval):
+    """Return the state after torques, shape (N, 2), each held for an interval [s], by an adaptive integrator."""
+    for tau in torques:
+        state = solve_ivp(
+            lambda _, x, tau=tau: [*x[2:], *forward_dynamics(theta, x[:2], x[2:], tau)],
+            (0, interval),
+            state,
+            rtol=1e-10,
+            atol=1e-12,
+        ).y[:, -1]
+    return state
 
 
 def vector(model):

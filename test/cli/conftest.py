@@ -3,7 +3,6 @@
 
 """A folder with the inputs of most subcommands."""
 
-import os
 import shutil
 
 import pytest
@@ -20,11 +19,10 @@ def inputs(tmp_path_factory):
     """A folder with the sample bag as swing, its result as in the paper, and a simulated bag, sim."""
     folder = tmp_path_factory.mktemp('inputs')
     shutil.copytree(SAMPLE, folder / 'swing')
-    before = os.getcwd()
-    os.chdir(folder)
-    assert main(['identify', 'swing', *PAPERS, '--output', 'result.yaml']) == 0
-    assert main(['simulate', '--output', 'sim']) == 0
-    os.chdir(before)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.chdir(folder)
+        assert main(['identify', 'swing', *PAPERS, '--output', 'result.yaml']) == 0
+        assert main(['simulate', '--output', 'sim']) == 0
     return folder
 
 
@@ -36,5 +34,6 @@ def in_inputs(inputs, monkeypatch):
 
 
 def contents(folder):
-    """Return the contents of all files below a folder, by path."""
-    return {path: path.read_bytes() for path in folder.rglob('*') if path.is_file()}
+    """Return the contents of all files below a folder, None for a folder, by path relative to it."""
+    found = folder.rglob('*')
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in found}

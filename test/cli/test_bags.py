@@ -21,9 +21,9 @@ from pendubot_identification.results.result import SCHEMA
 from test.cli.conftest import contents
 from test.processes import small_disk
 from test.recordings import damage
+from test.recordings.bags import START, STEP, TOPIC
 from test.recordings.independent import by_mcap
 
-START = 1_700_000_000_000_000_000
 GEARED = replace(PAPER, Fc1=0.004, Fc2=0.001, J2=1e-4, Fs1=0.002, Fs2=0.0005, k1=0.1, k2=0.1)
 
 
@@ -62,14 +62,14 @@ def test_simulate_uses_the_papers_rig_or_the_parameters_of_a_result(run, tmp_pat
 
 def test_irregular_and_missing_messages_are_counted(run, tmp_path):
     with BagWriter(tmp_path / 'bag') as bag:
-        channel = bag.add_topic('/joint_states', JOINT_STATE)
+        channel = bag.add_topic(TOPIC, JOINT_STATE)
         for k in range(100):
             if k in (40, 41):
                 continue
             # Timestamps 3 ms before reception; one is repeated, one runs backwards.
-            stamp = START + {70: 69, 80: 60}.get(k, k) * 10_000_000
+            stamp = START + {70: 69, 80: 60}.get(k, k) * STEP
             data = encode_joint_state(stamp, ('a', 'b'), [0, 0], [], [0, 0])
-            bag.write(channel, data, START + k * 10_000_000 + 3_000_000, sequence=k + 1)
+            bag.write(channel, data, START + k * STEP + 3_000_000, sequence=k + 1)
     (topic,) = json.loads(run('info', 'bag', '--json')[1])['topics']
     expected = {'gaps': 3, 'missing': 4, 'first_gap': 0.39, 'repeated': 1, 'backwards': 1, 'lost': 2}
     assert topic.items() >= (expected | {'period': 0.01, 'latency': 0.003, 'latency_max': 0.203}).items()

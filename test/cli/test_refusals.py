@@ -13,7 +13,6 @@ from test.conftest import ROOT
 
 FILES = {
     'other.yaml': 'schema: 2\nparameters: {}\n',
-    'often_exciter.yaml': 'exciter: {ros__parameters: {period: often}}\n',
     'unknown.yaml': 'modle: viscous\n',
     'often.yaml': 'runs: often\n',
     'vector.yaml': 'per_vector: true\n',
@@ -40,8 +39,6 @@ FAILURES = {
     'export result.yaml --output link.yaml --force': 'link.yaml is read, so it cannot be written as well',
     'import run.csv --output swing --columns t=time,q1=a,q2=b,tau1=u': 'exists already',
     'excite --design --torque 1 --speed 20 --output file': 'exists already',
-    'excite --check unknown.yaml': 'no parameters of the node exciter',
-    'excite --check often_exciter.yaml': 'period is often; a number from 0.01 to 3600 s is expected',
     'excite --check file --output file --force': 'so it cannot be written as well',
     'simulate --output swing': 'exists already',
     'demo --output swing': 'exists already',
@@ -64,7 +61,6 @@ WRONG_USAGE = {
     'identify x --settings vector.yaml --optimizer lsq': 'per_vector belongs to MDE, and --optimizer lsq ignores it',
     'identify x --torque-constant=-1': 'torque_constant is -1.0; a number from 0 to',
     'identify x --joints arm,arm': 'names 1 joints; two are expected, such as shoulder,elbow',
-    'identify x --fix b2': "b2 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0",
     'identify x --bounds P8=0:1': "no parameter 'P8'",
     'identify x --fix b2=0 --bounds b2=0:0.1': 'the interval of b2 was given twice; give one of both',
     'identify x --model viscous --fix Fc1=0': '--bounds Fc1: --model viscous does not have this parameter',

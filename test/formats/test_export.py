@@ -18,6 +18,7 @@ from pendubot_identification.model.dynamics import forward_dynamics, mass_matrix
 from pendubot_identification.model.parameters import MODELS, NAMES
 from pendubot_identification.results.result import Parameter, PartialResult
 from test.identified import SOURCE, identified, made
+from test.test_config import started
 
 
 @pytest.fixture(scope='module')
@@ -42,19 +43,10 @@ def evaluated(script):
 
 @pytest.mark.ros
 def test_a_ros_node_of_any_name_loads_the_parameter_file(result, theta, tmp_path):
-    import rclpy
-    from rclpy.node import Node
-
     path = tmp_path / 'parameters.yaml'
     path.write_text(written('yaml', result))
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = Node('some_controller', context=context, cli_args=['--ros-args', '--params-file', str(path)])
-    try:
+    with started('some_controller', '/', path) as node:
         read = [node.declare_parameter(name, 0.0).value for name in NAMES[:7]]
-    finally:
-        node.destroy_node()
-        context.try_shutdown()
     np.testing.assert_array_equal(read, theta)
 
 

@@ -3,9 +3,9 @@
 
 """The equations of motion in Python and C, compared with Lagrange's equations derived by sympy."""
 
-import contextlib
 import math
 from functools import cache
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,22 +15,17 @@ from hypothesis import strategies as st
 from pendubot_identification import kernel
 from pendubot_identification.model import dynamics
 from pendubot_identification.model.rollout import roll, sensitivities
+from test.simulated_rig import runge_kutta
 from test.strategies import angles, rigs, theta, torques, velocities
 
 both_paths = pytest.mark.parametrize('compiled', [True, False], ids=['kernel', 'numpy'])
 
 
-@contextlib.contextmanager
 def path(compiled):
     """Simulate by the kernel or by numpy; skip the test if the kernel is missing."""
-    before = kernel.wanted
     if compiled and kernel.library() is None:
         pytest.skip(kernel.description())
-    kernel.wanted = compiled
-    try:
-        yield
-    finally:
-        kernel.wanted = before
+    return mock.patch.object(kernel, 'wanted', compiled)
 
 
 def both(function, *arguments):
@@ -125,12 +120,7 @@ def step(rig, x, X, tau, h):
         accelerated[:, 4:] += by[:, 4:]
         return np.column_stack([[*x[2:], *qdd], np.vstack([X[2:], accelerated])])
 
-    y = np.column_stack([x, X])
-    k1 = slope(y)
-    k2 = slope(y + h / 2 * k1)
-    k3 = slope(y + h / 2 * k2)
-    k4 = slope(y + h * k3)
-    y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    y = runge_kutta(slope, np.column_stack([x, X]), h)
     return y[:, 0], y[:, 1:]
 
 

@@ -11,35 +11,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from pendubot_identification.errors import ParameterError
 from pendubot_identification.excitation.design import Experiment, predict
 from pendubot_identification.excitation.excitation import PulseTrain
-from pendubot_identification.model.dynamics import forward_dynamics
 from pendubot_identification.model.parameters import PAPER, Parameters
 from pendubot_identification.model.rollout import roll, sensitivities
 from pendubot_identification.model.simulation import HANGING, LatePlant, Plant, quantised, simulate, substeps
 from test.model.test_dynamics import both, both_paths, path
-from test.virtual import C1, GEARED, STIFF
+from test.virtual import C1, GEARED, STIFF, integrated
 
 
 @pytest.mark.parametrize('rig', [PAPER, Parameters.from_vector(GEARED)], ids=['paper', 'geared'])
 def test_simulations_agree_with_an_adaptive_integrator(rig):
     """The dry friction of the geared rig stops it within 2 ms."""
-    t, theta = np.arange(26) * 0.01, rig.vector()
+    t = np.arange(26) * 0.01
     amplitude = 0.3 if rig.P1 < 0.01 else 3.0
     tau = np.column_stack([np.random.default_rng(1).uniform(-amplitude, amplitude, 26), np.zeros(26)])
-    x = np.array([*HANGING, 0.0, 0.0])
-    for k in range(25):
-        solution = solve_ivp(
-            lambda _, s, k=k: [*s[2:], *forward_dynamics(theta, s[:2], s[2:], tau[k])],
-            (t[k], t[k + 1]),
-            x,
-            rtol=1e-10,
-            atol=1e-12,
-        )
-        x = solution.y[:, -1]
+    x = integrated(rig.vector(), [*HANGING, 0.0, 0.0], tau[:-1], 0.01)
     motion = simulate(rig, t, tau)
     # A tenth of an encoder count if dry friction reverses within a step.
     count = 2 * math.pi / 4000

@@ -28,8 +28,6 @@ from test.nodes.observer import Observer, values
 from test.processes import until
 from test.recordings.independent import by_mcap, by_rosbags
 
-pytestmark = pytest.mark.ros
-
 
 @pytest.fixture
 def observer(ros):

@@ -3,14 +3,12 @@
 
 """The SROS2 policy, compared with the topics and services of the real nodes."""
 
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from itertools import product
 from xml.etree import ElementTree
 
 import pytest
-from rclpy.context import Context
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -60,15 +58,6 @@ def mismatches(names, expressions):
     return wrong | {each for each in expressions if not any(fnmatchcase(name, each) for name in names)}
 
 
-@contextmanager
-def observing(ros):
-    """Yield a node in a new participant."""
-    context = Context()
-    ros.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    yield ros.create_node('observer', context=context)
-    context.shutdown()
-
-
 def test_the_policy_allows_exactly_the_topics_and_services_that_the_nodes_use(ros, node, tmp_path):
     # The balancer publishes torques only while it drives (test_balancer).
     used = {('balancer', 'publish'): {EFFORT}}
@@ -96,7 +85,8 @@ def test_the_policy_allows_exactly_the_topics_and_services_that_the_nodes_use(ro
         ]
         # On a busy machine a Fast DDS participant may miss a node: a new participant looks again.
         for _ in range(4):
-            with observing(ros) as observer:
+            with ros.Context() as context:
+                observer = ros.create_node('observer', context=context)
                 if spin_until(node, lambda observer=observer: not differences(observer, names), 15.0):
                     return started
                 missed = str(differences(observer, names))

@@ -12,14 +12,11 @@ import pytest
 
 from pendubot_identification.cli.main import main
 from pendubot_identification.paper import trials
+from test.cli.conftest import contents
 
 TABLES = ('table4', 'table4_order', 'table4_pace', 'table7', 'table8', 'threshold', 'operator')
 #: Files of measured times, which differ between runs.
 TIMES = {'times.md', 'times.csv'}
-
-
-def files(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob('*') if path.is_file()}
 
 
 def shorten(monkeypatch):
@@ -41,9 +38,9 @@ def reproduced(tmp_path_factory):
 
 
 def test_all_files_are_written_to_one_folder(reproduced):
-    expected = {'index.md', *TIMES, 'figures/figure1.png', 'figures/figure1.svg'}
+    expected = {'index.md', *TIMES, 'figures', 'tables', 'figures/figure1.png', 'figures/figure1.svg'}
     expected |= {f'tables/{name}.{ending}' for name in TABLES for ending in ('md', 'csv')}
-    assert set(files(reproduced)) == expected
+    assert set(contents(reproduced)) == expected
     index = (reproduced / 'index.md').read_text()
     assert 'pendubot reproduce --runs 2 --seed 3' in index
     assert 'Not finished' not in index
@@ -58,15 +55,15 @@ def test_the_same_seed_gives_the_same_bytes_also_for_single_parts(reproduced, tm
     parts = ('--only', 'figure1,table8,threshold', '--seed', '3', '--output', tmp_path)
     (tmp_path / 'index.md').write_text('mine')
     status, _, err = run('reproduce', '--runs', 2, *parts)
-    assert (status, files(tmp_path)) == (1, {'index.md': b'mine'})
+    assert (status, contents(tmp_path)) == (1, {'index.md': b'mine'})
     assert 'exists already and is not empty' in err
     assert run('reproduce', '--runs', 2, *parts, '--force')[::2] == (0, ''), 'no progress without a terminal'
-    first, again = files(reproduced), files(tmp_path)
+    first, again = contents(reproduced), contents(tmp_path)
     assert {'tables/threshold.md', 'tables/table8.csv', 'figures/figure1.svg', 'figures/figure1.png'} <= set(again)
     assert {name for name in again if first[name] != again[name]} == {'index.md'}
     other = ('--only', 'threshold', '--seed', 4, '--output', tmp_path, '--force')
     assert run('reproduce', '--runs', 2, *other)[0] == 0
-    assert files(tmp_path)['tables/threshold.csv'] != again['tables/threshold.csv']
+    assert contents(tmp_path)['tables/threshold.csv'] != again['tables/threshold.csv']
 
 
 def test_an_interrupt_keeps_finished_parts(tmp_path, monkeypatch, refused):

@@ -235,7 +235,6 @@ def test_samples_that_repeat_the_previous_stamp_are_dropped_and_counted(tmp_path
         ({'names': lambda k: ('a', 'b')}, BagError, "no joint 'shoulder'; its joints are a, b"),
         ({'effort': lambda k: (1,) if k == 70 else (1, 2)}, BagError, 'sample 70 has 1 efforts for 2 joints'),
         ({'position': lambda k: ()}, BagError, 'has 0 positions for 2 joints'),
-        ({'position': lambda k: (np.nan if k == 7 else 0, 0)}, TrajectoryError, 'q that is not a number below'),
         ({'effort': lambda k: (1, np.nan)}, TrajectoryError, '100 of 100 samples hold a tau .*; record it for both'),
         ({'stamp': lambda k: START + (k - 2 * (k == 60)) * STEP}, TrajectoryError, 'runs backwards by 0.01 s'),
         ({'stamp': lambda k: 0}, TrajectoryError, 'sample 1 repeats'),
@@ -288,5 +287,5 @@ def test_a_missing_angle_leaves_the_unwrapped_angles_after_it(tmp_path):
     path = write(tmp_path / 'bag', samples(300, position=lambda k: (shown[k], 0.0)))
     rows = np.concatenate([*stream_samples(BagReader(path), BagWindow(path), conversion)])
     np.testing.assert_allclose(rows[:, 1], np.where(np.arange(300) == 40, np.nan, angles))
-    with pytest.raises(TrajectoryError, match='1 of 300 samples hold a q that is not a number'):
+    with pytest.raises(TrajectoryError, match='1 of 300 samples hold a q that is not a number below'):
         read_trajectory(path, conversion)

@@ -152,7 +152,6 @@ def in_excel(path, *rows):
 
 #: Functions that write the files, and the errors, by name.
 UNUSABLE = {
-    'absent.csv': (lambda path: None, 'there is no file'),
     'binary.csv': (lambda path: path.write_bytes(b'\x89MCAP0\r\n\xff'), 'no text in UTF-8'),
     'text.mat': (lambda path: path.write_text('hello' * 99), r'is not a readable \.mat file'),
     'text.xlsx': (lambda path: path.write_text('hello'), r'is not a readable \.xlsx file'),
@@ -175,7 +174,6 @@ UNUSABLE = {
         "is in Octave's text format; export it from Octave by save -v7 run.mat",
     ),
     'blank.xlsx': (in_excel, 'holds no columns of numbers'),
-    'names.xlsx': (lambda path: in_excel(path, NAMES), 'holds no row of numbers'),
     'gap.xlsx': (
         lambda path: in_excel(path, [], NAMES, [0, 1, 2, 3], [0.01, 1, None, 3]),
         "row 4, column 'q2': nothing is no finite number, as of 1 of 2 rows; .*: add --skip-missing",

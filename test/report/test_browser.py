@@ -18,7 +18,7 @@ from pendubot_identification.report.plots import plot_track
 from pendubot_identification.report.tables import Table
 from pendubot_identification.results.result import Parameter, PartialResult
 from pendubot_identification.tracking.events import Change, Disturbance, State
-from test.browser import BRIGHTNESS, NEEDS_BROWSER, accessible, launched, watched
+from test.browser import BRIGHTNESS, NEEDS_BROWSER, accessible, watched
 from test.identified import made, swing
 
 pytestmark = NEEDS_BROWSER
@@ -26,12 +26,6 @@ pytestmark = NEEDS_BROWSER
 #: Time ranges of the charts by plot.
 RANGES = """() => Object.fromEntries([...document.querySelectorAll('.plot')].map(
   (box) => [box.dataset.plot, box.charts.map((chart) => [chart.scales.x.min, chart.scales.x.max])]))"""
-
-
-@pytest.fixture(scope='module')
-def browser():
-    with launched() as browser:
-        yield browser
 
 
 @pytest.fixture(scope='module')

@@ -30,11 +30,6 @@ class Studio(Program):
     def open(self):
         return Page(self)
 
-    def workers(self):
-        """Return the PIDs of its worker processes."""
-        with open(f'/proc/{self.process.pid}/task/{self.process.pid}/children') as file:
-            return {*map(int, file.read().split())}
-
 
 class Page:
     """A session like a page's."""

@@ -12,7 +12,7 @@ import yaml
 
 from pendubot_identification.model.parameters import PAPER
 from pendubot_identification.model.simulation import HANGING
-from test.browser import NEEDS_BROWSER, accessible, launched, watched
+from test.browser import NEEDS_BROWSER, accessible, watched
 from test.conftest import SAMPLE
 from test.identified import swing, written
 from test.recordings.bags import csv
@@ -36,14 +36,8 @@ TELEPHONE = {'width': 360, 'height': 740}
 
 
 @pytest.fixture(scope='module')
-def browser():
-    expect.set_options(timeout=LONG)
-    with launched() as browser:
-        yield browser
-
-
-@pytest.fixture(scope='module')
 def studio():
+    expect.set_options(timeout=LONG)
     with Studio() as program:
         yield program
 
@@ -145,14 +139,14 @@ def test_stopping_a_fit_ends_its_process(slow, opened, tmp_path):
     page.locator('#start').set_input_files(written(tmp_path / 'before.yaml', PAPER))
     expect(page.get_by_role('button', name='before.yaml')).to_be_visible()
     click(page, 'Continue')
-    (worker,) = slow.workers()
+    (worker,) = slow.children()
     click(page, 'Start')
     expect(page.locator('#fitting strong')).to_contain_text('likelihood')
-    assert worker in slow.workers()
+    assert worker in slow.children()
     accessible(page)
     click(page, 'Stop')
     expect(page.get_by_text('Stopped. Nothing was kept.')).to_be_visible()
-    while worker in slow.workers():
+    while worker in slow.children():
         page.wait_for_timeout(10)
     expect(page.get_by_role('button', name='step 6: Result')).to_be_disabled()
     click(page, 'Start')
