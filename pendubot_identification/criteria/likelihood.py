@@ -165,7 +165,7 @@ def _steps(motion: Motion, chosen: Indices, settings: LikelihoodSettings) -> tup
         longest[_slow(motion, chosen, settings.slow)] = settings.fine
     faster = np.abs(motion.states(t)[2:]).max(axis=0)
     turns = np.maximum(faster[:-1], faster[1:]) / settings.turn
-    count = np.ceil(np.diff(t) * np.maximum(1 / longest, turns) - 1e-9).astype(int)
+    count = np.ceil(np.diff(t) * np.maximum(1 / longest, turns) - 1e-9).clip(1).astype(int)
     part = np.arange(1, count.sum() + 1) - np.repeat(np.cumsum(count) - count, count)
     edges = np.append(t[0], np.repeat(t[:-1], count) + part * np.repeat(np.diff(t) / count, count))
     return edges, np.cumsum(count) - 1
@@ -441,7 +441,7 @@ class Likelihood:
             index = np.concatenate([shared, offsets[each.recording], noise[each.level]])
             local = np.searchsorted(self.of_recording(each.recording), index)
             square = np.ix_(local, local)
-            first = each.rows.start + np.append(0, np.flatnonzero(np.diff(filter_data.block[each.rows])) + 1)
+            first = each.rows.start + np.flatnonzero(np.diff(filter_data.block[each.rows], prepend=-1))
             for part in map(slice, first, [*first[1:], each.rows.stop]):
                 block, a, b = filter_data.block[part.start], *(d[part].reshape(-1, len(index)) for d in (de, ds))
                 information = (a * ee[part].reshape(-1, 1)).T @ a + (b * ss[part].reshape(-1, 1)).T @ b

@@ -200,7 +200,9 @@ def detect_faults(motions: Sequence[Motion], settings: Settings) -> tuple[Fault,
 def corrections(motion: Motion, delay: float, settings: Settings) -> list[Fault]:
     """Return all corrections of one recording that may be tried, whether they fit or not; none if it is too short."""
     recordings = _Recordings(_long_enough([motion], settings), delay)
-    return [*_candidates(recordings), *_wrong_unit(recordings)] if recordings.motions else []
+    if not recordings.motions or math.isinf(recordings.limit):
+        return []
+    return [*_candidates(recordings), *_wrong_unit(recordings)]
 
 
 def _long_enough(motions: Sequence[Motion], settings: Settings) -> tuple[Motion, ...]:
@@ -370,7 +372,7 @@ def _turns(recordings: _Recordings) -> Iterator[Fault]:
         if name == 'degrees' and moved < SETTINGS.degrees:
             continue
         try:
-            # With all recordings, the residual is not less than with one of them.
+            # With all recordings, the residual is not less than with one; efforts are assumed to change alike.
             if part * strongest.after(change).unexplained > recordings.unexplained:
                 continue
             corrected = recordings.after(change).unexplained

@@ -138,7 +138,7 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
             yield linear('cogging', joint, TermKind.SINE, TermKind.COSINE, number=number, where=f', {number} a turn')
     dead = _sample_wise(lambda tau, zone: np.sign(tau) * np.maximum(np.abs(tau) - zone, 0))
     yield Effect('dead zone', 'motor', (Unknown(tau, 0.0, 0.5 * tau),), shape=dead)
-    sag = _sample_wise(lambda sample, part: sample * (1 - part * (sample / tau) ** 2))
+    sag = _sample_wise(lambda sample, part: sample * (1 - part * np.minimum((sample / tau) ** 2, 1)))
     yield Effect('saturation', 'gradual', (Unknown(1.0, -0.5, 0.9),), shape=sag)
     limit = _sample_wise(lambda tau, most: np.clip(tau, -most, most))
     for part in (0.85, 0.6):
@@ -153,13 +153,14 @@ def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
     """Return the shape that maps each sample of the recorded torque independently."""
 
     def shaped(motion: Motion, unknowns: Array) -> Motion:
-        tau = change(motion.recorded.tau, float(unknowns[0]))
-        t = motion.recorded.t
-        held = len(motion.impulse.c) == 2
-        pieces = [tau[:-1]] if held else [np.diff(tau, axis=0) / np.diff(t)[:, None], tau[:-1]]
-        return replace(
-            motion, impulse=PPoly(np.array(pieces), t).antiderivative(), recorded=replace(motion.recorded, tau=tau)
-        )
+        torque, size = motion.impulse.derivative(), float(unknowns[0])
+        pieces = [change(torque.c[-1], size)]
+        if len(torque.c) == 2:  # a torque that changes linearly between samples
+            length = np.diff(torque.x)[:, None]
+            end = change(torque.c[-1] + torque.c[0] * length, size)
+            pieces.insert(0, (end - pieces[0]) / length)
+        recorded = replace(motion.recorded, tau=change(motion.recorded.tau, size))
+        return replace(motion, impulse=PPoly(np.array(pieces), torque.x).antiderivative(), recorded=recorded)
 
     return shaped
 

@@ -103,9 +103,11 @@ class TrainingData:
         return min(1.0, SETTINGS.search / sum(m.end - m.start for m in self.motions))
 
     def excerpt(self) -> TrainingData:
-        """Return the fraction :attr:`searched` of every recording, from its middle."""
-        share = self.searched
-        return self if share == 1 else replace(self, motions=tuple(m.middle(share) for m in self.motions))
+        """Return the fraction :attr:`searched` of every recording, from its middle, or enough for a fit."""
+        if self.searched == 1:
+            return self
+        shares = [min(1.0, max(self.searched, SETTINGS.shortest / (m.end - m.start))) for m in self.motions]
+        return replace(self, motions=tuple(m.middle(share) for m, share in zip(self.motions, shares, strict=True)))
 
     @property
     def effort(self) -> Array:

@@ -281,18 +281,21 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, settings
         criterion = Quadratic.pool(group)
         return criterion.count * criterion.least_in_box(bounds)
 
+    def effort(group: Sequence[Quadratic]) -> float:
+        return sum(part.count * float(part(np.zeros_like(part.y))) for part in group)
+
     parts = [reduced(motion, delay) for motion in motions]
     rests = [[*parts[:k], *parts[k + 1 :]] for k in range(len(parts))]
     separate = [squared([part]) + squared(rest) for part, rest in zip(parts, rests, strict=True)]
     odd, common = int(np.argmin(separate)), squared(parts)
-    effort = sum(part.count * float(part(np.zeros_like(part.y))) for part in parts)
-    apart = common > SETTINGS.ratio * separate[odd] and common - separate[odd] > SETTINGS.contradiction * effort
+    apart = common > SETTINGS.ratio * separate[odd] and common - separate[odd] > SETTINGS.contradiction * effort(parts)
     cause = ''
-    if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort):
+    if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort(parts)):
         faults = corrections(motions[odd], delay, settings)
-        residuals = [squared([*rests[odd], reduced(*corrected(motions[odd], delay, [fault]))]) for fault in faults]
-        if faults and common > SETTINGS.ratio * min(residuals):
-            best = faults[int(np.argmin(residuals))]
+        groups = [[*rests[odd], reduced(*corrected(motions[odd], delay, [fault]))] for fault in faults]
+        fractions = [squared(group) / effort(group) for group in groups]
+        if faults and common > SETTINGS.ratio * min(fractions) * effort(parts):
+            best = faults[int(np.argmin(fractions))]
             cause = f'in it, {best.found}; {best.remedy}'
     if not (apart or cause):
         return
@@ -317,7 +320,7 @@ def disturbances(rough: LikelihoodFit) -> Iterator[str]:
     for each in filter_data.series:
         t = filter_data.t[each.rows]
         # The first speed is unknown, so the first innovations are large.
-        t = t[large[each.rows] & (t > t[0] + SETTINGS.joined)]
+        t = t[large[each.rows] & (t > t[:1] + SETTINGS.joined)]
         starts = t[np.diff(t, prepend=-math.inf) > SETTINGS.joined]
         found += [f'{filter_data.motions[each.recording].name} at {start:.1f} s' for start in starts]
     if found:

@@ -24,6 +24,7 @@ class InformativeWindows:
     def __init__(self) -> None:
         self._work = defaultdict[int, float](float)
         self._bad = set[int]()
+        self._events: list[tuple[int, int]] = []
         self._changes: list[float] = []
         self._last = np.empty((0, 5))
 
@@ -43,16 +44,18 @@ class InformativeWindows:
     def happened(self, event: Event, since: float) -> None:
         """Add an event of a tracker, whose time at the first sample was ``since`` [s]."""
         begin, end = max(event.begin - since, 0.0), event.end - since
-        self._bad.update(range(int(begin), int(end) + 1))
+        self._events.append((int(begin), int(end)))
         if not isinstance(event, Disturbance):
             self._changes.append(end)
 
     def best(self) -> list[tuple[int, int]]:
         """Return begin and end [s] of the windows with the most work between two changes, in the order of time."""
         between: dict[int, list[tuple[float, int]]] = {}
-        for begin in range(0, max(self._work, default=0) - LENGTH + 1, STEP):
+        # Stamps may jump by years, so only seconds with samples are examined.
+        good = {s for s in self._work if s not in self._bad and not any(b <= s <= e for b, e in self._events)}
+        for begin in sorted(second for second in good if second >= 0 and second % STEP == 0):
             seconds = range(begin, begin + LENGTH)
-            if all(second in self._work and second not in self._bad for second in seconds):
+            if good.issuperset(seconds):
                 work = sum(self._work[second] for second in seconds)
                 between.setdefault(sum(change <= begin for change in self._changes), []).append((work, begin))
         # Select the longest time between two changes: it contains the most windows.

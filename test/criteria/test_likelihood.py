@@ -243,3 +243,13 @@ def test_each_filter_uses_samples_at_about_its_interval(interval):
     for wanted, each in zip(filter_data.settings.intervals, filter_data.series, strict=True):
         apart = np.diff(np.append(each.edges[0], filter_data.t[each.rows]))
         np.testing.assert_allclose(apart, max(1, round(wanted / interval)) * interval, rtol=1e-6)
+
+
+def test_a_recording_that_is_shorter_than_an_interval_contributes_nothing():
+    long, short = motions()[:1], motions((2,), samples=30)
+    for prepared in ([*long, *short], [*short, *long]):
+        like, x = likelihood(prepared, intervals=(0.2,))
+        evaluation, ours = like.evaluate(x), like.filter_data.owner == prepared.index(short[0])
+        assert np.isfinite(evaluation.cost)
+        assert not evaluation.costs[ours].any()
+        assert not evaluation.informations[ours].any()

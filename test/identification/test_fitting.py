@@ -133,6 +133,14 @@ def test_a_filter_that_diverges_outside_the_middle_of_the_recordings_restarts(mo
     np.testing.assert_allclose(answer.theta[:5], expected.theta[:5], rtol=0.005)
 
 
+def test_a_short_recording_beside_a_long_one_is_long_enough_for_the_search(monkeypatch):
+    monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=2.0))
+    motions = [recording(2000), recording(200, seed=2)]
+    data = TrainingData.prepare(motions, Settings(model='viscous', hold='zero').of_rig(motions)).excerpt()
+    np.testing.assert_allclose([m.end - m.start for m in data.motions], [19.99 * 2.0 / 21.98, 1.0])
+    np.testing.assert_allclose(data.linear('weak', 'viscous').criterion.free_minimum()[0], PAPER.P1, rtol=0.02)
+
+
 def test_effects_of_long_recordings_are_searched_in_the_middle_and_estimated_from_all_samples(monkeypatch):
     monkeypatch.setattr(fitting, 'SETTINGS', replace(fitting.SETTINGS, search=8.0))
     motions = [*map(trajectory, rig.record(range(2), [Rig(dead_zone=0.015)] * 2, step=0.0025))]

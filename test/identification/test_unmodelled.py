@@ -21,6 +21,7 @@ from pendubot_identification.identification.settings import Settings
 from pendubot_identification.identification.validation import contradictions, disturbances
 from pendubot_identification.level import Level
 from pendubot_identification.model.parameters import Parameters
+from pendubot_identification.trajectories.conversion import Affine
 from pendubot_identification.trajectories.motion import Motion
 from test import real
 from test.simulated_rig import CATALOGUE, FC, STRENGTH, UNKNOWN, Rig, record, true
@@ -218,6 +219,20 @@ def rough(*recordings):
     return fit_composite(data, lambda *_: None, effects=False).rough
 
 
+@pytest.mark.parametrize('hold', ['zero', 'linear'])
+def test_a_dead_zone_or_saturation_changes_the_torque_after_a_lag(hold):
+    motion = Motion.prepare(recording(200), 0.02, hold)
+    candidates = {(each.name, each.where): each for each in effects.catalogue([motion], 0.0)}
+    late, t = candidates['lag', 'motor'].shape(motion, np.array([0.02])), np.linspace(0, 1.99, 500)
+    dead = candidates['dead zone', 'motor'].shape
+    np.testing.assert_allclose(dead(late, np.zeros(1)).impulse(t), late.impulse(t), rtol=0, atol=1e-12)
+    assert np.abs(late.impulse(t) - motion.impulse(t)).max() > 1e-3
+    # A recording with twice the largest torque of the training data does not reverse it.
+    twice = motion.changed(Affine.of(T=2 * np.eye(2)))
+    sagging = candidates['saturation', 'gradual'].shape(twice, np.array([0.9])).impulse.derivative()
+    assert (sagging(motion.recorded.t[:-1]) * twice.recorded.tau[:-1] >= 0).all()
+
+
 @pytest.fixture(scope='module')
 def one_rig():
     return [recording(500, seed=seed, name=f'take {seed}') for seed in range(3)]
@@ -249,6 +264,13 @@ def test_the_fault_of_a_recording_that_contradicts_the_others_is_named(change, f
     (message,) = contradicted(one_rig[0], replace(change(one_rig[1]), name='wrong'), one_rig[2])
     assert message.startswith('wrong contradicts the other recordings')
     assert f'; in it, {found}' in message
+
+
+def test_a_recording_that_is_too_short_for_a_test_of_its_correction_is_named_without_a_cause(one_rig):
+    short = replace(one_rig[1][:70], name='short')
+    (message,) = contradicted(one_rig[0], replace(short, q=short.q + np.radians([60.0, 0.0])), one_rig[2])
+    assert message.startswith('short contradicts the other recordings')
+    assert message.endswith('check that all recordings are of one rig, with the same signs and zeros')
 
 
 @pytest.mark.recordings

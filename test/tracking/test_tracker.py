@@ -17,6 +17,7 @@ from pendubot_identification.model.simulation import quantised, simulate
 from pendubot_identification.results.track_file import start_of
 from pendubot_identification.tracking.events import Change, Disturbance, Lost, Start, State
 from pendubot_identification.tracking.tracker import Tracker
+from pendubot_identification.tracking.windows import InformativeWindows
 from test.changing_rig import C2, Day, record, truth
 from test.real import RIGS, concatenated, known, recorded
 from test.simulated_rig import CATALOGUE, UNKNOWN, Rig
@@ -468,3 +469,10 @@ def test_another_real_rig_is_reported_as_a_change_or_a_wrong_start():
     assert (np.abs(tracker.state.theta / tracked(RIGS[1])[0].state.theta - 1)[:5] < 0.2).all()
     _, _, events = track(samples_of(RIGS[1]), known(batch_of(RIGS[0])))
     assert events[0].kind == 'not as it was identified before', 'after a start from the other rig'
+
+
+def test_windows_of_a_recording_whose_stamps_jump_by_years_are_found_at_once():
+    t, windows = np.append(np.arange(0.0, 130.0, 0.05), 1e12), InformativeWindows()
+    windows.add(np.column_stack([t, np.sin(t), np.cos(t), np.sin(t), 0 * t]))
+    windows.happened(Disturbance(65.0, 1e12), 0.0)
+    assert windows.best() == [(0, 60)]
