@@ -307,9 +307,9 @@ class _Recordings:
 
     @cached_property
     def unexplained(self) -> float:
-        return _unexplained(self.criterion)
+        return unexplained_fraction(self.criterion)
 
-    @cached_property
+    @property
     def strongest(self) -> tuple[_Recordings, float]:
         """The recording with the largest squared effort, and its fraction of that of all recordings."""
         efforts = np.array([part.y @ part.y for part in self.regressions])
@@ -395,7 +395,7 @@ def _zeros(recordings: _Recordings) -> Iterator[Fault]:
         friction = SETTINGS.static * theta[('Fc1', 'Fc2')[joint]]
         held = math.asin(friction / weight) if friction < weight else math.pi / 2
         wrong = abs(angle) > max(SETTINGS.zero, held / math.sqrt(len(recordings.motions)))
-        corrected, degrees = _unexplained(criterion(angle)), math.degrees(angle)
+        corrected, degrees = unexplained_fraction(criterion(angle)), math.degrees(angle)
         # For one parameter, F is the square of its value over its standard error.
         F = (recordings.unexplained / max(corrected, 1e-12) - 1) * recordings.freedom
         error = abs(degrees) / math.sqrt(F) if F > 0 else math.inf
@@ -442,7 +442,7 @@ def _offset(recordings: _Recordings) -> Iterator[Fault]:
     if largest > 0:
         shoulder = [np.arange(len(part.y)) % 2 == 0 for part in recordings.regressions]
         criterion, bounds = _pooled(recordings.regressions, shoulder), BOUNDS.beside(('offset',), largest)
-        offset, corrected = float(criterion.minimum_in_box(bounds)[-1]), _unexplained(criterion, bounds)
+        offset, corrected = float(criterion.minimum_in_box(bounds)[-1]), unexplained_fraction(criterion, bounds)
         found = f"the shoulder's effort is off by a constant {offset:.3g} N m"
         remedy = f'it must be 0 where no torque acts: subtract {offset:.3g} N m'
         level = Level.WARN if recordings.unexplained - corrected > SETTINGS.offset else Level.OK
@@ -488,7 +488,7 @@ def _wrong_unit(recordings: _Recordings) -> Iterator[Fault]:
     least = float((P5**5 / SETTINGS.dense) ** 0.25)
     # A less dense link must fit significantly worse.
     if 0 < P2 < least and unexplained < SETTINGS.unfit:
-        less_dense = _unexplained(recordings.criterion, BOUNDS.replaced('P2', least, least))
+        less_dense = unexplained_fraction(recordings.criterion, BOUNDS.replaced('P2', least, least))
         if less_dense > recordings.limit * unexplained:
             found = (
                 f'link 2 would weigh {P5**2 / P2:.3g} kg or more, within {100 * P2 / P5:.2g} cm of its joint; the '
@@ -521,7 +521,7 @@ def _pooled(parts: Sequence[Regression], more: Sequence[Array] | None = None) ->
     return Quadratic.pool([Quadratic.reduce(phi, part.y) for phi, part in zip(columns, parts, strict=True)])
 
 
-def _unexplained(criterion: Quadratic, bounds: Bounds = BOUNDS) -> float:
+def unexplained_fraction(criterion: Quadratic, bounds: Bounds = BOUNDS) -> float:
     """Return the fraction of the squared effort that no parameters within their bounds explain."""
     effort = float(criterion(np.zeros(len(bounds.names))))
     return criterion.least_in_box(bounds) / effort if effort > 0 else 1.0

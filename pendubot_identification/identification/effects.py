@@ -150,7 +150,7 @@ def catalogue(motions: Sequence[Motion], delay: float) -> Iterator[Effect]:
 
 
 def _sample_wise(change: Callable[[Array, float], Array]) -> Shape:
-    """Return the shape that maps each sample of the recorded torque independently."""
+    """Return the shape that maps each sample of the torque independently, after the effects before it."""
 
     def shaped(motion: Motion, unknowns: Array) -> Motion:
         torque, size = motion.impulse.derivative(), float(unknowns[0])

@@ -103,7 +103,7 @@ class TrainingData:
         return min(1.0, SETTINGS.search / sum(m.end - m.start for m in self.motions))
 
     def excerpt(self) -> TrainingData:
-        """Return the fraction :attr:`searched` of every recording, from its middle, or enough for a fit."""
+        """Return the fraction :attr:`searched` of every recording, from its middle, but not less than a fit needs."""
         if self.searched == 1:
             return self
         shares = [min(1.0, max(self.searched, SETTINGS.shortest / (m.end - m.start))) for m in self.motions]

@@ -31,7 +31,15 @@ from pendubot_identification.trajectories.trajectory import Trajectory
 
 from . import DELAYS
 from .conventions import SETTINGS as CONVENTIONS
-from .conventions import Fault, agrees_with_exact_fit, corrected, corrections, detect_faults, joint_regression
+from .conventions import (
+    Fault,
+    agrees_with_exact_fit,
+    corrected,
+    corrections,
+    detect_faults,
+    joint_regression,
+    unexplained_fraction,
+)
 from .effects import DetectedEffect, compensated
 from .estimate import Estimate, Progress, Zeros
 from .fitting import SETTINGS as FITTING
@@ -281,20 +289,18 @@ def contradictions(motions: Sequence[Motion], model: str, delay: float, settings
         criterion = Quadratic.pool(group)
         return criterion.count * criterion.least_in_box(bounds)
 
-    def effort(group: Sequence[Quadratic]) -> float:
-        return sum(part.count * float(part(np.zeros_like(part.y))) for part in group)
-
     parts = [reduced(motion, delay) for motion in motions]
     rests = [[*parts[:k], *parts[k + 1 :]] for k in range(len(parts))]
     separate = [squared([part]) + squared(rest) for part, rest in zip(parts, rests, strict=True)]
     odd, common = int(np.argmin(separate)), squared(parts)
-    apart = common > SETTINGS.ratio * separate[odd] and common - separate[odd] > SETTINGS.contradiction * effort(parts)
+    effort = sum(part.count * float(part(np.zeros_like(part.y))) for part in parts)
+    apart = common > SETTINGS.ratio * separate[odd] and common - separate[odd] > SETTINGS.contradiction * effort
     cause = ''
-    if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort(parts)):
+    if len(motions) > 2 and (apart or common > CONVENTIONS.poor_fit * effort):
         faults = corrections(motions[odd], delay, settings)
         groups = [[*rests[odd], reduced(*corrected(motions[odd], delay, [fault]))] for fault in faults]
-        fractions = [squared(group) / effort(group) for group in groups]
-        if faults and common > SETTINGS.ratio * min(fractions) * effort(parts):
+        fractions = [unexplained_fraction(Quadratic.pool(group), bounds) for group in groups]
+        if faults and common > SETTINGS.ratio * min(fractions) * effort:
             best = faults[int(np.argmin(fractions))]
             cause = f'in it, {best.found}; {best.remedy}'
     if not (apart or cause):
