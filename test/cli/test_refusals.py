@@ -61,6 +61,7 @@ WRONG_USAGE = {
     'identify x --settings vector.yaml --optimizer lsq': 'per_vector belongs to MDE, and --optimizer lsq ignores it',
     'identify x --torque-constant=-1': 'torque_constant is -1.0; a number from 0 to',
     'identify x --joints arm,arm': 'names 1 joints; two are expected, such as shoulder,elbow',
+    'identify x --fix b2': "b2 '' is not understood; LOW:HIGH or one number is expected, such as P1=0:0.5 or b2=0",
     'identify x --bounds P8=0:1': "no parameter 'P8'",
     'identify x --fix b2=0 --bounds b2=0:0.1': 'the interval of b2 was given twice; give one of both',
     'identify x --model viscous --fix Fc1=0': '--bounds Fc1: --model viscous does not have this parameter',

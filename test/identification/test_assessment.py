@@ -97,9 +97,11 @@ def test_each_cause_gives_one_warning(changes, beginning):
 
 
 def test_a_delay_at_the_end_of_its_default_search_interval_is_an_error():
+    fixed = replace(GOOD, effort=Effort('zero', 0.1))
     assert assess(AT_END, SETTINGS).level is Level.ERROR
     assert assess(GOOD, SETTINGS).level is Level.OK
     assert assess(AT_END, replace(SETTINGS, delays=(-0.1, 0.01))).level is Level.WARN
+    assert assess(fixed, replace(SETTINGS, delays=(0.1, 0.1))).level is Level.OK
 
 
 @pytest.mark.parametrize(('scale', 'warned'), [(1, False), (0.8, False), (30, True), (0.1, True)])

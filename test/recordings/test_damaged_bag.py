@@ -82,10 +82,11 @@ def test_repairing_an_intact_bag_copies_it(tmp_path):
     assert by_mcap(tmp_path / 'copy') == by_mcap(path) == by_rosbags(tmp_path / 'copy')
 
 
-def test_a_lost_file_of_a_split_bag_is_reported(tmp_path, capsys):
+@pytest.mark.parametrize('size', [0, 20], ids=['empty', 'truncated'])
+def test_a_lost_file_of_a_split_bag_is_reported(tmp_path, capsys, size):
     with BagWriter(tmp_path / 'bag') as bag:
         bag.add_topic('/other', 'std_msgs/msg/Float64')
-    (tmp_path / 'bag' / 'bag_1.mcap.zstd').touch()
+    (tmp_path / 'bag' / 'bag_1.mcap.zstd').write_bytes(b'\x28\xb5\x2f\xfd' + bytes(size) if size else b'')
     assert main(['repair', str(tmp_path / 'bag'), '--json', '--output', str(tmp_path / 'copy')]) == 0
     report = json.loads(capsys.readouterr().out)
     assert not report['intact']
